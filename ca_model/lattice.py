@@ -1,0 +1,119 @@
+"""From centimetres to grains and back: what a set-up is on a lattice.
+
+Columns are w wide, heights come in units u; a grain of species a is w wide and H_a u high.
+
+    H_a = round(d_a / u)          s_ab = theta_ab w / u        one step = w / v
+    grains of a per step = R_a^0 / (H_a u)                     columns = round(L / w)
+
+By default u is the smallest diameter and w = 10 u. A lattice slope s is an integer, so s < s_ab is
+s < ceil(s_ab): thresholds between the same integers act alike.
+"""
+
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from experiment import Experiment, NotApplicableError, SetupError
+from experiment.fields import Part, Positive
+
+__all__ = ["Lattice", "Rule", "Settings", "lattice_of"]
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+ROUND_OFF = 1e-9
+MANY = 2**62
+
+
+class Settings(Part):
+    """The `[ca_model]` table of a set-up: the lattice and the variant of its rule."""
+
+    unit: Positive | None = None  # u, cm; default: the smallest diameter
+    column_width: Positive | None = None  # w, cm; default: 10 u
+    contacts: Annotated[int, Field(strict=True, ge=1)] | Literal["all"] = "all"
+    percolation: bool = True
+    arrivals: Literal["fixed", "poisson", "drawn"] = "fixed"
+
+
+class Rule(NamedTuple):
+    """What decides on capture, in lattice units; species are numbered as in the mixture."""
+
+    grain_height: Ints  # (species,) H_a
+    threshold: Ints  # (species, surface_species): captured where s < threshold
+    smallest_first: Ints  # (species,) the species in the order in which they touch the pile
+    contacts: int  # how often a column may touch the flow in a step
+    percolation: bool  # whether only the smallest species present touches the pile
+
+
+class Lattice(NamedTuple):
+    """A set-up on the lattice, and what a lattice unit is in cm and s."""
+
+    rule: Rule
+    base: Ints  # (column,) heights before pouring, in u
+    base_species: int  # the species that the surface before pouring is made of
+    grains_per_step: Floats  # (species,) of the mean feed
+    unit: float  # u, cm
+    column_width: float  # w, cm
+    step: float  # w / v, s
+
+    @property
+    def x(self) -> Floats:
+        """Middles of the columns (column,) [cm]."""
+        return (np.arange(len(self.base)) + 0.5) * self.column_width
+
+    @property
+    def grain_thickness(self) -> Floats:
+        """Rolling thickness H_a u [cm] of one grain a column (species,)."""
+        return self.rule.grain_height * self.unit
+
+    @property
+    def grain_volume(self) -> Floats:
+        """Volume w H_a u per unit gap [cm2] of a grain (species,)."""
+        return self.grain_thickness * self.column_width
+
+
+def lattice_of(experiment: Experiment) -> Lattice:
+    """The lattice of a set-up.
+
+    Raises :class:`SetupError` for a wrong `[ca_model]` table and :class:`NotApplicableError` where
+    the species roll at different speeds, which the rule does not know.
+    """
+    settings = Settings.parse(experiment.ca_model, "ca_model")
+    mixture = experiment.mixture
+    velocity = mixture.drift_velocity[0]
+    if any(other != velocity for other in mixture.drift_velocity):
+        speeds = list(mixture.drift_velocity)
+        raise NotApplicableError(
+            f"mixture.drift_velocity = {speeds}: the lattice rolls all species at one speed"
+        )
+    unit = settings.unit or min(mixture.grain_diameter)
+    width = settings.column_width or 10 * unit
+    columns = round(experiment.cell.length / width)
+    if columns < 3:
+        raise SetupError(
+            f"ca_model.column_width = {width:g}: it should fit into cell.length = "
+            f"{experiment.cell.length:g} at least 3 times"
+        )
+    heights = np.rint(np.array(mixture.grain_diameter) / unit).astype(np.int64)
+    if heights.min() < 1:
+        raise SetupError(f"ca_model.unit = {unit:g}: it should not exceed the smallest diameter")
+    slopes = np.array(mixture.repose_slope) * width / unit
+    rule = Rule(
+        grain_height=heights,
+        threshold=np.ceil(slopes - ROUND_OFF).astype(np.int64),
+        smallest_first=np.argsort(mixture.grain_diameter, kind="stable").astype(np.int64),
+        contacts=MANY if settings.contacts == "all" else settings.contacts,
+        percolation=settings.percolation,
+    )
+    x = (np.arange(columns) + 0.5) * width
+    return Lattice(
+        rule=rule,
+        base=np.rint(experiment.cell.base_height(x) / unit).astype(np.int64),
+        base_species=int(np.argmax(experiment.start_composition)),
+        grains_per_step=np.array(experiment.feed.inflow) / (heights * unit),
+        unit=unit,
+        column_width=width,
+        step=width / velocity,
+    )

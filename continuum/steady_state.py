@@ -1,0 +1,143 @@
+"""The steady state of two species in a silo: Makse, PRE 56, 7008 (1997), section III, in full.
+
+The pile rises everywhere at v R0 / L, so R = R0 (L - x) / L. With r = v / (gamma psi):
+
+Region A, 0 <= x <= x_m = R1_0 L / R0 - r, where theta_2 < theta < theta_1:
+    phi_1 = 1,  R_1 = R1_0 - R0 x / L,  R_2 = R2_0
+    theta = theta_11 - (v / gamma + psi g L R2_0 / R0) / (L (R1_0 + g R2_0) / R0 - x),
+    g = gamma_21 / gamma
+
+Region B, x_m <= x <= L, where theta < theta_2 < theta_1, with u = R_1 / R:
+    r u' = -(1 - u) u,  u = 1 / (1 + C exp((x - x_m) / r)),  C = R2_0 L / (R0 r)
+    phi_1 = u (1 + R_2 L / (r R0))
+    theta = theta_22 - m phi_1 + (psi R_1 L / R0 - v / gamma) / (L - x)
+
+It holds for equal v, gamma_11 = gamma_22, theta_12 - theta_11 = theta_22 - theta_21 and l = 0.
+Region A ends where theta falls to theta_2(phi_1 = 1) = theta_21; the paper's text has
+theta_1(phi_2 = 1) there.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment import Experiment, NotApplicableError
+
+__all__ = ["SteadyState", "steady_state"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SteadyState:
+    """The closed form for one set-up; every method takes distances x (cell,) [cm]."""
+
+    length: float  # L, cm
+    inflow: tuple[float, float]  # R1_0, R2_0, cm
+    velocity: float  # v, cm/s
+    rate: float  # gamma, 1/s
+    cross_rate: float  # gamma_21, 1/s
+    theta_11: float
+    theta_22: float
+    psi: float
+
+    @property
+    def total_inflow(self) -> float:
+        """R0 [cm]."""
+        return sum(self.inflow)
+
+    @property
+    def mixing_length(self) -> float:
+        """r = v / (gamma psi) [cm]: over which the species mix below x_m."""
+        return self.velocity / (self.rate * self.psi)
+
+    @property
+    def middle(self) -> float:
+        """x_m [cm]: where the large grains begin to be captured."""
+        return self.inflow[0] * self.length / self.total_inflow - self.mixing_length
+
+    @property
+    def rise_velocity(self) -> float:
+        """dh/dt = v R0 / L [cm/s], the same everywhere."""
+        return self.velocity * self.total_inflow / self.length
+
+    def small_share(self, x: Array) -> Array:
+        """u = R_1 / R (cell,)."""
+        total = self.total_inflow * (self.length - x) / self.length
+        above = self.inflow[0] - self.total_inflow * x / self.length
+        c = self.inflow[1] * self.length / (self.total_inflow * self.mixing_length)
+        below = 1.0 / (1.0 + c * np.exp(np.maximum(x - self.middle, 0.0) / self.mixing_length))
+        inside = np.divide(above, total, out=np.zeros_like(x), where=total > 0)
+        return np.where(x < self.middle, inside, below)
+
+    def rolling_thickness(self, x: Array) -> Array:
+        """R_1 and R_2 (cell, species) [cm]."""
+        total = self.total_inflow * (self.length - x) / self.length
+        u = self.small_share(x)
+        return np.stack([u * total, (1.0 - u) * total], axis=-1)
+
+    def surface_fraction(self, x: Array) -> Array:
+        """phi_1 and phi_2 (cell, species)."""
+        u = self.small_share(x)
+        large = self.rolling_thickness(x)[..., 1]
+        below = u * (1.0 + large * self.length / (self.mixing_length * self.total_inflow))
+        phi_1 = np.where(x < self.middle, 1.0, below)
+        return np.stack([phi_1, 1.0 - phi_1], axis=-1)
+
+    def slope(self, x: Array) -> Array:
+        """theta (cell,), for 0 <= x < L."""
+        r1, r2 = self.inflow
+        g = self.cross_rate / self.rate
+        scale = self.length / self.total_inflow
+        drop = self.velocity / self.rate + self.psi * g * scale * r2
+        inside = np.minimum(x, self.middle)
+        above = self.theta_11 - drop / (scale * (r1 + g * r2) - inside)
+        m = self.theta_22 - self.theta_11 + self.psi
+        phi_1 = self.surface_fraction(x)[..., 0]
+        rolling_1 = self.rolling_thickness(x)[..., 0]
+        excess = self.psi * rolling_1 * scale - self.velocity / self.rate
+        below = self.theta_22 - m * phi_1 + excess / (self.length - x)
+        return np.where(x < self.middle, above, below)
+
+
+def steady_state(experiment: Experiment) -> SteadyState:
+    """The closed form for `experiment`; :class:`NotApplicableError` says where there is none."""
+    mixture = experiment.mixture
+    rates = mixture.collision_rate
+    if mixture.species != 2 or rates is None:
+        raise NotApplicableError("mixture: the steady state needs two species with collision rates")
+    (theta_11, theta_12), (theta_21, theta_22) = mixture.repose_slope
+    velocity = mixture.drift_velocity[0]
+    r1, r2 = experiment.feed.inflow
+    length = experiment.cell.length
+    conditions = {
+        "drift_velocity: equal for both species": mixture.drift_velocity[1] == velocity,
+        "collision_rate: gamma_11 = gamma_22": rates[0][0] == rates[1][1],
+        "repose_slope: theta_12 - theta_11 = theta_22 - theta_21": np.isclose(
+            theta_12 - theta_11, theta_22 - theta_21
+        ),
+        "repose_slope: psi = theta_11 - theta_21 > 0": theta_11 > theta_21,
+        "curvature_length: 0": mixture.curvature_length == 0,
+        "smoothing: 0": mixture.smoothing == 0,
+        "cross_amplification: none": not np.any(mixture.cross_amplification or 0),
+    }
+    for condition, holds in conditions.items():
+        if not holds:
+            raise NotApplicableError(f"mixture.{condition}; the steady state holds for no other")
+    state = SteadyState(
+        length=length,
+        inflow=(r1, r2),
+        velocity=velocity,
+        rate=rates[0][0],
+        cross_rate=rates[1][0],
+        theta_11=theta_11,
+        theta_22=theta_22,
+        psi=theta_11 - theta_21,
+    )
+    if state.middle <= 0:
+        raise NotApplicableError(
+            f"feed.inflow = {[r1, r2]}: too few small grains for a region A "
+            f"(x_m = {state.middle:.3g} cm; it should be greater than 0)"
+        )
+    return state

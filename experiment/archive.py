@@ -1,0 +1,170 @@
+"""One netCDF-4 file per model run: the same names from both models, whole or absent.
+
+:func:`assemble` builds the Dataset from plain arrays and refuses what the table of variables does
+not know; :func:`write` puts it under its final name only once it is complete; :func:`read` refuses
+whatever is not such a file.
+"""
+
+import os
+import tempfile
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from experiment.errors import ArchiveError, OutputExistsError, StratifyError
+from experiment.experiment import Experiment
+from experiment.variables import COORDINATES, VARIABLES, Variable
+
+__all__ = ["assemble", "experiment_of", "read", "write", "write_whole"]
+
+CONVENTIONS = "CF-1.11"
+REFERENCES = "H. A. Makse, Phys. Rev. E 56, 7008 (1997), doi:10.1103/PhysRevE.56.7008"
+MODELS = ("ca_model", "continuum")
+
+
+def assemble(
+    experiment: Experiment,
+    model: str,
+    arrays: Mapping[str, NDArray[Any]],
+    attributes: Mapping[str, Any],
+) -> xr.Dataset:
+    """The archive of one run as a Dataset, from the `arrays` that the model recorded.
+
+    `arrays` holds the coordinates time [s], x and z [cm] and every variable that the set-up does not
+    already tell; `attributes` are the model's own notes on the run. Raises :class:`ArchiveError`
+    for a name that is not in the table, a missing one, or a wrong shape.
+    """
+    mixture = experiment.mixture
+    known: dict[str, NDArray[Any]] = {
+        "species": np.array(mixture.names),
+        "surface_species": np.array(mixture.names),
+        "repose_slope": np.array(mixture.repose_slope),
+        "drift_velocity": np.array(mixture.drift_velocity),
+        "grain_diameter": np.array(mixture.grain_diameter),
+        "inflow": np.array(experiment.feed.inflow),
+    }
+    if mixture.collision_rate is not None:
+        known["collision_rate"] = np.array(mixture.collision_rate)
+    known.update(arrays)
+    table = COORDINATES | VARIABLES
+    stray = [name for name in known if name not in table]
+    if stray:
+        raise ArchiveError(f"{stray[0]!r} is no variable of the archive; known: {', '.join(table)}")
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    release = version("stratify")
+    return check(
+        xr.Dataset(
+            {name: _data_array(VARIABLES[name], known[name]) for name in VARIABLES if name in known},
+            {name: _data_array(COORDINATES[name], known[name]) for name in COORDINATES},
+            {
+                "Conventions": CONVENTIONS,
+                "title": experiment.title,
+                "source": f"{model} of stratify {release}",
+                "history": f"{now} poured by stratify {release}",
+                "references": REFERENCES,
+                "model": model,
+                "experiment": experiment.to_toml(),
+                "seed": experiment.pour.seed,
+                **attributes,
+            },
+        )
+    )
+
+
+def check(dataset: xr.Dataset) -> xr.Dataset:
+    """Return `dataset` if it is an archive as the table says; else raise :class:`ArchiveError`."""
+    if dataset.attrs.get("model") not in MODELS:
+        raise ArchiveError(f"model = {dataset.attrs.get('model')!r}; allowed: {', '.join(MODELS)}")
+    for variable in (COORDINATES | VARIABLES).values():
+        if variable.name not in dataset.variables:
+            if variable.optional:
+                continue
+            raise ArchiveError(f"variable {variable.name!r} is missing")
+        values = dataset[variable.name]
+        if values.dims != variable.dims:
+            raise ArchiveError(f"{variable.name} has dimensions {values.dims}, not {variable.dims}")
+        if variable.dtype != "str" and not _holds_numbers(values.values, variable):
+            raise ArchiveError(f"{variable.name} holds values that are no {variable.dtype} numbers")
+    return dataset
+
+
+def write_whole(dataset: xr.Dataset, path: Path, *, force: bool = False) -> Path:
+    """Write any Dataset as netCDF-4 under a temporary name, then rename: whole or absent.
+
+    Raises :class:`OutputExistsError` where `path` exists and `force` is not given, and
+    :class:`ArchiveError` where it cannot be written.
+    """
+    if path.exists() and not force:
+        raise OutputExistsError(f"{str(path)!r} exists already; --force replaces it")
+    encoding = {
+        name: {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True}
+        for name, values in dataset.variables.items()
+        if values.dtype.kind == "f" and values.ndim > 0
+    }
+    for values in dataset.variables.values():
+        values.encoding = {}
+        if values.dtype.kind == "f":
+            values.encoding["_FillValue"] = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+        os.close(handle)
+        part = Path(name)
+        try:
+            dataset.to_netcdf(part, format="NETCDF4", engine="netcdf4", encoding=encoding)
+            with part.open("rb") as whole:
+                os.fsync(whole.fileno())
+            part.chmod(0o644)
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+    except (OSError, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ArchiveError(f"{str(path)!r} cannot be written: {reason}") from None
+    return path
+
+
+def write(dataset: xr.Dataset, path: Path, *, force: bool = False) -> Path:
+    """Write an archive whole or not at all; see :func:`write_whole`."""
+    return write_whole(check(dataset), path, force=force)
+
+
+def read(path: Path) -> xr.Dataset:
+    """The archive at `path`, loaded. Raises :class:`ArchiveError` where it is not a whole one."""
+    if not path.is_file():
+        raise ArchiveError(f"{str(path)!r}: no such archive")
+    try:
+        with xr.open_dataset(path, engine="netcdf4") as stored:
+            dataset = stored.load()
+        check(dataset)
+        experiment_of(dataset)
+    except StratifyError as error:
+        raise ArchiveError(f"{str(path)!r} is not an archive of a pour: {error}") from None
+    except (OSError, RuntimeError, ValueError, AttributeError, KeyError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ArchiveError(f"{str(path)!r} is not a whole netCDF-4 archive: {reason}") from None
+    return dataset
+
+
+def experiment_of(dataset: xr.Dataset) -> Experiment:
+    """The set-up that an archive carries. Raises :class:`SetupError` where it is unsound."""
+    return Experiment.from_toml(str(dataset.attrs.get("experiment", "")))
+
+
+def _data_array(variable: Variable, values: NDArray[Any]) -> xr.Variable:
+    if values.ndim != len(variable.dims):
+        raise ArchiveError(f"{variable.name} has shape {values.shape}, not {variable.dims}")
+    kind = object if variable.dtype == "str" else variable.dtype
+    return xr.Variable(variable.dims, values.astype(kind), variable.attributes)
+
+
+def _holds_numbers(values: NDArray[Any], variable: Variable) -> bool:
+    if values.dtype != np.dtype(variable.dtype):
+        return False
+    return variable.gaps or bool(np.isfinite(values).all())

@@ -1,0 +1,20 @@
+"""The cell that is filled: a silo of length L with the wall at x = L and the pouring point at x = 0."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.fields import Fraction, Part, Positive, Slope
+
+__all__ = ["Cell"]
+
+
+class Cell(Part):
+    """A Hele-Shaw cell, and the rigid surface in it before pouring starts."""
+
+    length: Positive  # cm
+    start_slope: Slope = 0.0  # 1
+    start_composition: tuple[Fraction, ...] | None = None  # 1; default: all of the smallest species
+
+    def base_height(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Height of the surface before pouring [cm] at distances x [cm]; 0 at the wall."""
+        return self.start_slope * (self.length - x)

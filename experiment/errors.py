@@ -1,0 +1,29 @@
+"""What can go wrong in a way that the user can mend: each error's text is one clear line."""
+
+__all__ = [
+    "ArchiveError",
+    "NotApplicableError",
+    "OutputExistsError",
+    "SetupError",
+    "StratifyError",
+]
+
+
+class StratifyError(Exception):
+    """The common ancestor of every error that these packages raise on purpose."""
+
+
+class SetupError(StratifyError):
+    """A set-up is wrong: the text names the field, its value and what is allowed."""
+
+
+class NotApplicableError(SetupError):
+    """The set-up is sound, but this model cannot pour it."""
+
+
+class ArchiveError(StratifyError):
+    """A file is not a whole archive of these models, or cannot be read or written."""
+
+
+class OutputExistsError(StratifyError):
+    """An output is there already, and nobody said that it may be replaced."""

@@ -1,0 +1,142 @@
+"""One pour, described once for both models, and its TOML form.
+
+    title = "..."
+    [mixture]    grains and their law            [feed]  what is poured
+    [cell]       what is filled                  [pour]  for how long, what is recorded
+    [published]  numbers to compare with         [ca_model], [continuum]  each model's own table
+
+The two models' tables are carried unread: each model validates its own.
+"""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+import tomli_w
+from pydantic import Field, model_validator
+
+from experiment.cell import Cell
+from experiment.errors import SetupError
+from experiment.feed import Feed
+from experiment.fields import Part, Positive
+from experiment.mixture import Mixture
+
+__all__ = ["Experiment", "Pour", "Published", "parse_toml", "set_values"]
+
+
+class Pour(Part):
+    """How long the feed runs, how many records are kept, and the seed of what is random."""
+
+    duration: Positive  # s
+    records: Annotated[int, Field(strict=True, ge=1, le=1_000_000)] = 600  # intervals between
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = 0
+
+
+class Published(Part):
+    """Values measured by others for this mixture, and a note on where and how."""
+
+    wavelength: Positive | None = None  # cm
+    kink_velocity: Positive | None = None  # cm/s
+    note: str = ""
+
+
+class Experiment(Part):
+    """A mixture, the cell it is poured into, its feed, and the two models' own tables."""
+
+    title: str = Field(min_length=1)
+    mixture: Mixture
+    cell: Cell
+    feed: Feed
+    pour: Pour
+    published: Published | None = None
+    ca_model: dict[str, Any] = {}
+    continuum: dict[str, Any] = {}
+
+    @classmethod
+    def from_toml(cls, text: str, settings: Sequence[str] = ()) -> Self:
+        """The experiment that `text` describes, changed by `settings` (KEY=VALUE each).
+
+        Raises :class:`SetupError` with one line where the text or a setting is wrong.
+        """
+        return cls.parse(set_values(parse_toml(text), settings))
+
+    @classmethod
+    def from_file(cls, path: Path, settings: Sequence[str] = ()) -> Self:
+        """Read a set-up from a TOML file; see :meth:`from_toml`."""
+        try:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            reason = getattr(error, "strerror", None) or "it is not text"
+            raise SetupError(f"set-up {str(path)!r} cannot be read: {reason}") from None
+        return cls.from_toml(text, settings)
+
+    def to_toml(self) -> str:
+        """The whole set-up, defaults included, so that it alone can be run again."""
+        return tomli_w.dumps(self.model_dump(exclude_none=True))
+
+    @model_validator(mode="after")
+    def _check_species(self) -> Self:
+        n = self.mixture.species
+        if len(self.feed.inflow) != n:
+            raise ValueError(
+                f"feed.inflow = {list(self.feed.inflow)}: it should have {n} values, one a species"
+            )
+        start = self.cell.start_composition
+        if start is not None and (len(start) != n or abs(sum(start) - 1) > 1e-9):
+            raise ValueError(
+                f"cell.start_composition = {list(start)}: "
+                f"it should be {n} fractions, one a species, that add up to 1"
+            )
+        return self
+
+    @property
+    def start_composition(self) -> tuple[float, ...]:
+        """Composition of the rigid surface before pouring; all small grains unless it is given."""
+        if self.cell.start_composition is not None:
+            return self.cell.start_composition
+        return tuple(float(a == self.mixture.smallest) for a in range(self.mixture.species))
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """The tables of a TOML text. Raises :class:`SetupError` where it is no TOML."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SetupError(f"set-up is not TOML: {error}") from None
+
+
+def set_values(tables: Mapping[str, Any], settings: Sequence[str]) -> dict[str, Any]:
+    """A copy of `tables` with each KEY=VALUE of `settings` put in its place.
+
+    KEY is a path such as `mixture.delta` or `mixture.grain_diameter.1`; VALUE is TOML, and what is
+    not is taken as a string. Raises :class:`SetupError` where a path leads nowhere.
+    """
+    changed: dict[str, Any] = tomllib.loads(tomli_w.dumps(tables))
+    for setting in settings:
+        key, equals, text = setting.partition("=")
+        if not equals or not all(key.strip().split(".")):
+            raise SetupError(f"--set {setting!r}: it should be KEY=VALUE, as in mixture.delta=0.1")
+        *path, last = key.strip().split(".")
+        place: Any = changed
+        for step in path:
+            place = place.setdefault(step, {}) if isinstance(place, dict) else _item(place, step, key)
+        if isinstance(place, dict):
+            place[last] = _value(text)
+        else:
+            _item(place, last, key)
+            place[int(last)] = _value(text)
+    return changed
+
+
+def _item(place: Any, step: str, key: str) -> Any:
+    if not isinstance(place, list) or not step.isdigit() or int(step) >= len(place):
+        raise SetupError(f"--set {key}: there is no {step!r} to set")
+    return place[int(step)]
+
+
+def _value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text.strip()

@@ -1,0 +1,82 @@
+"""The kinds of numbers a set-up is made of, and how a wrong one is reported.
+
+A set-up is a tree of frozen :class:`Part` objects. Whatever does not fit is refused with one line
+that names the field, its value and what is allowed.
+"""
+
+import re
+from typing import Annotated, Any, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from experiment.errors import SetupError
+
+__all__ = [
+    "Fraction",
+    "Length",
+    "Matrix",
+    "NonNegative",
+    "Part",
+    "Positive",
+    "RateMatrix",
+    "Slope",
+    "SlopeMatrix",
+]
+
+STEEPEST = 100.0
+
+Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)]
+Fraction = Annotated[float, Field(strict=True, ge=0, le=1)]
+Length = Positive
+Slope = Annotated[float, Field(strict=True, ge=0, le=STEEPEST)]
+SlopeMatrix = tuple[tuple[Slope, ...], ...]
+RateMatrix = tuple[tuple[NonNegative, ...], ...]
+Matrix = tuple[tuple[float, ...], ...]
+
+
+class Part(BaseModel):
+    """A frozen piece of a set-up; unknown fields and out-of-range values are refused."""
+
+    model_config = ConfigDict(frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _refuse_unknown_fields(cls, given: Any) -> Any:
+        if not isinstance(given, dict):
+            return given
+        unknown = [name for name in given if name not in cls.known_fields()]
+        if unknown:
+            allowed = ", ".join(sorted(cls.known_fields()))
+            raise ValueError(f"no field {unknown[0]!r}; allowed: {allowed}")
+        return given
+
+    @classmethod
+    def known_fields(cls) -> set[str]:
+        """Names that may be given; a part with shorthands adds them."""
+        return set(cls.model_fields)
+
+    @classmethod
+    def parse(cls, given: object, within: str = "") -> Self:
+        """Validate `given`; `within` is the path of this part inside a larger set-up.
+
+        Raises :class:`SetupError` with one line about the first thing that is wrong.
+        """
+        try:
+            return cls.model_validate(given)
+        except ValidationError as error:
+            raise SetupError(_first_complaint(error, within)) from None
+
+
+def _first_complaint(error: ValidationError, within: str) -> str:
+    complaint = error.errors(include_url=False)[0]
+    path = within
+    for step in complaint["loc"]:
+        path += f"[{step}]" if isinstance(step, int) else f"{'.' if path else ''}{step}"
+    reason = complaint["msg"].removeprefix("Value error, ").replace("Input should", "it should")
+    if complaint["type"] == "missing":
+        return f"{path}: missing; it has no default"
+    if complaint["type"] == "value_error":
+        names_a_field = re.match(r"\w+(\[\d+\])* = ", reason)
+        return f"{path}{'.' if names_a_field else ': '}{reason}" if path else reason
+    return f"{path} = {complaint['input']!r}: {reason}"
