@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+
+from experiment.arrays import Floats, Ints
 
 __all__ = ["Arrivals"]
 
@@ -22,9 +23,9 @@ class Arrivals:
 
     kind: Literal["fixed", "poisson", "drawn"]
     generator: np.random.Generator
-    fed: NDArray[np.float64]  # (species,) sum of all rates so far
+    fed: Floats  # (species,) sum of all rates so far
 
-    def take(self, rates: NDArray[np.float64]) -> NDArray[np.int64]:
+    def take(self, rates: Floats) -> Ints:
         """The next grains (step, species), one row for each row of `rates`."""
         before = self.fed
         fed = before + np.cumsum(rates, axis=0)
@@ -38,12 +39,12 @@ class Arrivals:
         return np.stack([_whole(fed[:, a], before[a]) for a in range(rates.shape[1])], axis=1)
 
 
-def _whole(fed: NDArray[np.float64], before: float) -> NDArray[np.int64]:
+def _whole(fed: Floats, before: float) -> Ints:
     """How many whole grains each step adds to a growing sum."""
     counts = np.floor(np.concatenate([[before], fed]) + ROUND_OFF).astype(np.int64)
     return np.diff(counts)
 
 
-def _add_up_to_one(shares: NDArray[np.float64]) -> NDArray[np.float64]:
+def _add_up_to_one(shares: Floats) -> Floats:
     shares[:, -1] = np.maximum(1.0 - shares[:, :-1].sum(axis=1), 0.0)
     return shares

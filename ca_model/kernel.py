@@ -11,10 +11,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ca_model.lattice import Rule
+from experiment.arrays import Ints
 
 __all__ = ["Pile", "advance", "grains_at_rest", "surface_species"]
-
-Ints = NDArray[np.int64]
 
 
 class Pile(NamedTuple):

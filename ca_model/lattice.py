@@ -12,16 +12,14 @@ s < ceil(s_ab): thresholds between the same integers act alike.
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from experiment import Experiment, NotApplicableError, SetupError
+from experiment.arrays import Floats, Ints
 from experiment.fields import Part, Positive
 
 __all__ = ["Lattice", "Rule", "Settings", "lattice_of"]
 
-Ints = NDArray[np.int64]
-Floats = NDArray[np.float64]
 
 ROUND_OFF = 1e-9
 MANY = 2**62

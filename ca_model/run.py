@@ -4,13 +4,13 @@ from collections.abc import Callable
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from ca_model.arrivals import Arrivals
 from ca_model.kernel import Pile, advance, grains_at_rest, surface_species
 from ca_model.lattice import Lattice, Settings, lattice_of
 from experiment import Experiment
 from experiment.archive import assemble
+from experiment.arrays import Floats, Ints
 from experiment.recorder import Recorder, record_steps
 
 __all__ = ["pour"]
@@ -18,9 +18,7 @@ __all__ = ["pour"]
 FIRST_PLACES = 64
 
 
-def pour(
-    experiment: Experiment, progress: Callable[[float], object] = lambda share: None
-) -> xr.Dataset:
+def pour(experiment: Experiment, progress: Callable[[float], object] | None = None) -> xr.Dataset:
     """Pour `experiment` on the lattice; the archive as a Dataset, in cm and s.
 
     `progress` is called with the share that is done. Raises :class:`SetupError` for a wrong
@@ -44,7 +42,8 @@ def pour(
             poured += grains.sum(axis=0)
         done = step
         _record(recorder, record, lattice, pile, step, poured)
-        progress((record + 1) / len(steps))
+        if progress is not None:
+            progress((record + 1) / len(steps))
     z, deposit_fraction = _deposit_fraction(pile, lattice)
     arrays = recorder.arrays | {
         "x": lattice.x,
@@ -67,7 +66,7 @@ def _still(lattice: Lattice, species: int) -> Pile:
     )
 
 
-def _advance_all(pile: Pile, lattice: Lattice, grains: NDArray[np.int64]) -> Pile:
+def _advance_all(pile: Pile, lattice: Lattice, grains: Ints) -> Pile:
     """Take all steps of `grains` (step, species), adding places to the stacks as they fill."""
     while True:
         grains = grains[advance(pile, lattice.rule, grains) :]
@@ -82,7 +81,7 @@ def _record(
     lattice: Lattice,
     pile: Pile,
     step: int,
-    poured: NDArray[np.int64],
+    poured: Ints,
 ) -> None:
     columns, species = pile.rolling.shape
     tops = [surface_species(pile, i) for i in range(columns)]
@@ -98,9 +97,7 @@ def _record(
     )
 
 
-def _deposit_fraction(
-    pile: Pile, lattice: Lattice
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _deposit_fraction(pile: Pile, lattice: Lattice) -> tuple[Floats, Floats]:
     """Composition of what was poured, (z, x, species), one cell for each unit of height."""
     columns, species = pile.rolling.shape
     fraction = np.full((int(pile.height.max()), columns, species), np.nan)
@@ -112,16 +109,22 @@ def _deposit_fraction(
     return (np.arange(len(fraction)) + 0.5) * lattice.unit, fraction
 
 
-def _notes(lattice: Lattice, pile: Pile) -> dict[str, float | NDArray[np.float64]]:
+def _notes(lattice: Lattice, pile: Pile) -> dict[str, object]:
     """What the lattice made of the set-up, in lattice units and in cm."""
-    outgrowth = max(0, int(pile.height[-1] - pile.height[-2])) * lattice.unit
-    return {
-        "unit_cm": lattice.unit,
+    rule, unit = lattice.rule, lattice.unit
+    notes: dict[str, object] = {
+        "unit_cm": unit,
         "column_width_cm": lattice.column_width,
         "time_step_s": lattice.step,
-        "grain_height": lattice.rule.grain_height,
-        "effective_threshold": lattice.rule.threshold.ravel(),
-        "effective_repose_slope": (lattice.rule.threshold * lattice.unit / lattice.column_width).ravel(),
+        "grain_height": rule.grain_height,
+        "effective_threshold": rule.threshold.ravel(),
+        "effective_repose_slope": rule.threshold.ravel() * unit / lattice.column_width,
         "grains_per_step": lattice.grains_per_step,
-        "wall_outgrowth_cm": outgrowth,
     }
+    outgrowth = int(pile.height[-1] - pile.height[-2])
+    if outgrowth > rule.threshold.max():
+        notes["comment"] = (
+            f"the wall column outgrew the pile by {outgrowth * unit:.3g} cm: the feed exceeds what "
+            f"the surface can capture with ca_model.contacts = {rule.contacts}"
+        )
+    return notes

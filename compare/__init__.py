@@ -1,0 +1,22 @@
+"""The instrument: kinks, layers and regimes from archives, models side by side, the command line.
+
+Measurements and pictures see archives only; only the command line runs the models.
+"""
+
+from compare.figure import draw
+from compare.kymograph import cycle_period, fronts, kinks
+from compare.layers import layers
+from compare.measure import compare, measure
+from compare.regime import regime, segregation
+
+__all__ = [
+    "compare",
+    "cycle_period",
+    "draw",
+    "fronts",
+    "kinks",
+    "layers",
+    "measure",
+    "regime",
+    "segregation",
+]

@@ -5,21 +5,26 @@
 
 Split in time (Godunov, first order). Advection: dt = dx / max v, so that species as fast as the
 fastest shift by exactly one cell; slower ones move by van Leer's limited, conservative scheme.
-Exchange: sub-steps dt' with v_c dt' / dx <= COURANT, v_c = gamma R (1 + 2 l / dx) the speed at which
-a disturbance of the slope climbs; in each one all cells first find their slope from the heights of
-one instant, and only then exchange grains. (A cell that finished its exchange against a neighbour
-already a step ahead would err by (dh/dt) / v in the slope at every resolution.) The slope belongs to
-the cell's downhill edge, theta_i = (h_i - h_{i+1}) / dx, for disturbances come from below.
+Exchange: sub-steps dt' with v_c dt' / dx <= COURANT, v_c = gamma R (1 + 2 l / dx) the speed at
+which a disturbance of the slope climbs; in each one all cells first find their slope from the
+heights of one instant, and only then exchange grains. (A cell that finished its exchange against a
+neighbour already a step ahead would err by (dh/dt) / v in the slope at every resolution.) The slope
+belongs to the cell's downhill edge, theta_i = (h_i - h_{i+1}) / dx, for disturbances come from
+below.
 
 Within a sub-step slope and composition stand still, so that a species' captured share is
-1 - exp(-c), c = gamma_aa P(theta_a - s) dt', with exp(c) to fourth order in c; the amplified share of
-what the surface layer holds is found likewise. So thicknesses never turn negative, for any input.
+1 - exp(-c), c = gamma_aa P(theta_a - s) dt', with exp(c) to fourth order in c; the amplified share
+of what the surface layer holds is found likewise. So thicknesses never turn negative, for any
+input.
 
 The surface is a layer of thickness d (Hirano's active layer) that holds d phi_a of each species.
 What is captured mixes into it; what it then holds beyond d is buried in the deposit, and where it
-holds less the deposit below refills it. The deposit is kept in bins of height dz, so erosion digs
-up what was buried. The rigid surface of before pouring counts as surface where the layer is thinner
-than d, and gives up no grains.
+holds less the deposit below refills it. The deposit is kept in bins of height dz, the topmost being
+filled and those below it sealed, so erosion digs up what was buried. The rigid surface of before
+pouring counts as surface where the layer is thinner than d, and gives up no grains.
+
+Arrays are (species, cell); loops along the cells run in vector lanes, sealing and reopening of bins
+are rare and go cell by cell.
 """
 
 import math
@@ -27,7 +32,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from continuum.law import (
     Law,
@@ -35,12 +39,13 @@ from continuum.law import (
     find_capture_rate,
     find_repose_slope,
 )
+from experiment.arrays import Floats, Ints
 
-__all__ = ["Flow", "Grid", "advance", "find_composition", "thickness_at_rest"]
+__all__ = ["Flow", "Grid", "advance", "find_composition"]
 
-Array = NDArray[np.float64]
 
 COURANT = 0.25
+TINY = 1e-300  # cm; keeps 0 / 0 away where a bin is empty
 
 
 class Grid(NamedTuple):
@@ -54,17 +59,18 @@ class Grid(NamedTuple):
 class Flow(NamedTuple):
     """The state of a pour, changed in place by :func:`advance`."""
 
-    height: Array  # (cell,) cm
-    rolling: Array  # (species, cell) cm; after a step: at the cell's downhill edge
-    surface: Array  # (species, cell) cm; what the surface layer holds
-    deposit: Array  # (cell, bin, species) cm; what lies below the surface layer
-    top: NDArray[np.int64]  # (cell,) the bin that is being filled
-    rigid: Array  # (cell,) cm; how much of bin 0 the surface of before pouring takes up
-    rigid_fraction: Array  # (species,) its composition
+    height: Floats  # (cell,) cm
+    rolling: Floats  # (species, cell) cm; after a step: at the cell's downhill edge
+    surface: Floats  # (species, cell) cm; what the surface layer holds
+    filling: Floats  # (species, cell) cm; what the bin below it holds, which is being filled
+    deposit: Floats  # (species, cell, bin) cm; the sealed bins
+    top: Ints  # (cell,) the place of the bin that is being filled
+    rigid: Floats  # (cell,) cm; how much of bin 0 the surface of before pouring takes up
+    rigid_fraction: Floats  # (species,) its composition
 
 
 @njit(cache=True, nogil=True)
-def advance(flow: Flow, law: Law, grid: Grid, velocity: Array, inflow: Array) -> tuple[int, int]:
+def advance(flow: Flow, law: Law, grid: Grid, velocity: Floats, inflow: Floats) -> tuple[int, int]:
     """Advance `flow` by one step per row of `inflow` (step, species) [cm].
 
     Returns the number of steps taken, fewer than asked for where the deposit needs more bins first,
@@ -87,7 +93,7 @@ def advance(flow: Flow, law: Law, grid: Grid, velocity: Array, inflow: Array) ->
 
 
 @njit(cache=True, error_model="numpy")
-def find_composition(phi: Array, surface: Array, rigid_fraction: Array, depth: float) -> None:
+def find_composition(phi: Floats, surface: Floats, rigid_fraction: Floats, depth: float) -> None:
     """phi_a (species, cell) of surface layers that hold `surface` (species, cell) [cm].
 
     What a layer lacks of its depth is rigid surface of composition `rigid_fraction` (species,).
@@ -103,20 +109,8 @@ def find_composition(phi: Array, surface: Array, rigid_fraction: Array, depth: f
             phi[a, i] = (surface[a, i] + bare * rigid_fraction[a]) / (held[i] + bare)
 
 
-@njit(cache=True, nogil=True)
-def thickness_at_rest(flow: Flow) -> Array:
-    """What each column holds of each species (species, cell) [cm]: surface layer and deposit."""
-    held = flow.surface.copy()
-    species, cells = held.shape
-    for i in range(cells):
-        for k in range(flow.top[i] + 1):
-            for a in range(species):
-                held[a, i] += flow.deposit[i, k, a]
-    return held
-
-
 @njit(cache=True, error_model="numpy")
-def _advect(rolling: Array, velocity: Array, grid: Grid, inflow: Array) -> None:
+def _advect(rolling: Floats, velocity: Floats, grid: Grid, inflow: Floats) -> None:
     species, cells = rolling.shape
     for a in range(species):
         nu = velocity[a] * grid.dt / grid.dx
@@ -129,7 +123,7 @@ def _advect(rolling: Array, velocity: Array, grid: Grid, inflow: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _advect_slower(thickness: Array, nu: float, inflow: float) -> None:
+def _advect_slower(thickness: Floats, nu: float, inflow: float) -> None:
     """Van Leer's scheme for a Courant number nu < 1; nothing leaves through the wall."""
     cells = thickness.size
     arriving = nu * inflow
@@ -154,7 +148,7 @@ def _van_leer(behind: float, ahead: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _count_substeps(rolling: Array, law: Law, grid: Grid) -> int:
+def _count_substeps(rolling: Floats, law: Law, grid: Grid) -> int:
     species, cells = rolling.shape
     rate = np.zeros(cells)
     for a in range(species):
@@ -166,8 +160,8 @@ def _count_substeps(rolling: Array, law: Law, grid: Grid) -> int:
 
 
 @njit(cache=True, error_model="numpy")
-def _find_slope(slope: Array, height: Array, law: Law, grid: Grid) -> None:
-    """s = theta - l d2h/dx2 at each cell's downhill edge; the last cell's is not used."""
+def _find_slope(slope: Floats, height: Floats, law: Law, grid: Grid) -> None:
+    """S = theta - l d2h/dx2 at each cell's downhill edge; the last cell's is not used."""
     cells = height.size
     curvature = law.curvature_length / grid.dx
     for i in range(cells - 1):
@@ -178,20 +172,40 @@ def _find_slope(slope: Array, height: Array, law: Law, grid: Grid) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _exchange(flow: Flow, slope: Array, law: Law, dt: float) -> None:
-    phi, theta, captured, amplified = np.empty((4, *flow.rolling.shape))
+def _exchange(flow: Flow, slope: Floats, law: Law, dt: float) -> None:
+    shape = flow.rolling.shape
+    phi, theta = np.empty(shape), np.empty(shape)
+    captured, amplified, settled = np.empty(shape), np.empty(shape), np.empty(shape)
     find_composition(phi, flow.surface, flow.rigid_fraction, law.surface_depth)
     find_repose_slope(theta, phi, law)
     find_capture_rate(captured, theta, slope, law)
     find_amplification_rate(amplified, theta, slope, flow.rolling, law)
-    species, cells = flow.rolling.shape
-    for a in range(species):
-        for i in range(cells - 1):
-            gain = _share(captured[a, i] * dt) * flow.rolling[a, i]
-            loss = _share(amplified[a, i] / law.surface_depth * dt) * flow.surface[a, i]
-            flow.rolling[a, i] += loss - gain
-            flow.surface[a, i] += gain - loss
-            flow.height[i] += gain - loss
+    for a in range(len(settled)):
+        _settle(settled[a], captured[a], amplified[a], flow.rolling[a], flow.surface[a], law, dt)
+        for i in range(flow.height.size - 1):
+            flow.rolling[a, i] -= settled[a, i]
+            flow.surface[a, i] += settled[a, i]
+            flow.height[i] += settled[a, i]
+
+
+@njit(cache=True, error_model="numpy")
+def _settle(
+    settled: Floats,
+    captured: Floats,
+    amplified: Floats,
+    rolling: Floats,
+    surface: Floats,
+    law: Law,
+    dt: float,
+) -> None:
+    """Thickness (cell,) of a species that comes to rest within dt, less what is set rolling.
+
+    `settled` must not share memory with the others, or the loop does not run in vector lanes.
+    """
+    for i in range(settled.size):
+        gain = _share(captured[i] * dt) * rolling[i]
+        loss = _share(amplified[i] / law.surface_depth * dt) * surface[i]
+        settled[i] = gain - loss
 
 
 @njit(cache=True, inline="always")
@@ -216,65 +230,71 @@ def _capture_at_wall(flow: Flow, share: float) -> None:
 def _bury_or_dig_up(flow: Flow, law: Law, grid: Grid) -> None:
     """Bring each cell's surface layer back to its depth d, as far as the deposit can."""
     species, cells = flow.surface.shape
+    depth = law.surface_depth
+    held, filled = _total(flow.surface), _total(flow.filling)
+    buried, dug = np.empty(cells), np.empty(cells)
     for i in range(cells):
-        held = 0.0
-        for a in range(species):
-            held += flow.surface[a, i]
-        if held > law.surface_depth:
-            _bury(flow, i, held, held - law.surface_depth, grid.dz)
-        elif held < law.surface_depth:
-            _dig_up(flow, i, law.surface_depth - held)
-
-
-@njit(cache=True, error_model="numpy")
-def _bury(flow: Flow, i: int, held: float, surplus: float, dz: float) -> None:
-    species = flow.surface.shape[0]
-    while surplus > 0.0:
-        k = flow.top[i]
-        room = dz - _thickness(flow.deposit, i, k)
-        if k == 0:
-            room -= flow.rigid[i]
-        if room <= 0.0:
-            flow.top[i] += 1
-            continue
-        part = min(surplus, room)
-        for a in range(species):
-            moved = part / held * flow.surface[a, i]
+        wanted = max(depth - held[i], 0.0)
+        buried[i] = max(held[i] - depth, 0.0) / max(held[i], depth)
+        dug[i] = wanted / max(wanted, filled[i], TINY)
+    for a in range(species):
+        for i in range(cells):
+            moved = buried[i] * flow.surface[a, i] - dug[i] * flow.filling[a, i]
             flow.surface[a, i] -= moved
-            flow.deposit[i, k, a] += moved
-        held -= part
-        surplus -= part
+            flow.filling[a, i] += moved
+    for i in range(cells):
+        if held[i] + filled[i] < depth:
+            _reopen(flow, i, depth - held[i] - filled[i])
+        elif held[i] + filled[i] > depth + grid.dz - flow.rigid[i]:
+            _seal(flow, i, grid.dz)
 
 
 @njit(cache=True, error_model="numpy")
-def _dig_up(flow: Flow, i: int, wanted: float) -> None:
-    species = flow.surface.shape[0]
-    while wanted > 0.0:
-        k = flow.top[i]
-        buried = _thickness(flow.deposit, i, k)
-        share = min(wanted / buried, 1.0) if buried > 0.0 else 1.0
-        for a in range(species):
-            moved = share * flow.deposit[i, k, a]
-            flow.deposit[i, k, a] -= moved
-            flow.surface[a, i] += moved
-        if share < 1.0 or k == 0:
+def _total(thickness: Floats) -> Floats:
+    """Sum over species (cell,) of thicknesses (species, cell)."""
+    total = thickness[0].copy()
+    for a in range(1, thickness.shape[0]):
+        for i in range(total.size):
+            total[i] += thickness[a, i]
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _seal(flow: Flow, i: int, dz: float) -> None:
+    """Close the bins of cell i that are full, and go on filling the one above them."""
+    filled = flow.filling[:, i].sum()
+    while True:
+        capacity = dz - flow.rigid[i] if flow.top[i] == 0 else dz
+        if filled <= capacity:
             return
+        for a in range(flow.filling.shape[0]):
+            sealed = capacity / filled * flow.filling[a, i]
+            flow.filling[a, i] -= sealed
+            flow.deposit[a, i, flow.top[i]] = sealed
+        flow.top[i] += 1
+        filled -= capacity
+
+
+@njit(cache=True, error_model="numpy")
+def _reopen(flow: Flow, i: int, wanted: float) -> None:
+    """Refill the surface layer of cell i by `wanted` from the sealed bins, as far as they go."""
+    while wanted > 0.0 and flow.top[i] > 0:
         flow.top[i] -= 1
-        wanted -= buried
-
-
-@njit(cache=True, inline="always")
-def _thickness(deposit: Array, i: int, k: int) -> float:
-    thickness = 0.0
-    for a in range(deposit.shape[2]):
-        thickness += deposit[i, k, a]
-    return thickness
+        opened = flow.deposit[:, i, flow.top[i]]
+        filled = opened.sum()
+        dug = wanted / max(wanted, filled)
+        for a in range(opened.size):
+            moved = dug * opened[a]
+            flow.surface[a, i] += moved
+            flow.filling[a, i] += opened[a] - moved
+            opened[a] = 0.0
+        wanted -= filled
 
 
 @njit(cache=True, error_model="numpy")
 def _deposit_is_nearly_full(flow: Flow, grid: Grid) -> bool:
     """Whether some cell could outgrow its bins within a step: all that can reach it, captured."""
-    cells, bins, species = flow.deposit.shape
+    species, cells, bins = flow.deposit.shape
     for i in range(cells):
         arriving = 0.0
         for a in range(species):

@@ -17,9 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from experiment import Mixture, NotApplicableError
+from experiment.arrays import Floats
 
 __all__ = [
     "Law",
@@ -31,15 +31,13 @@ __all__ = [
     "positive_part",
 ]
 
-Array = NDArray[np.float64]
-
 
 class Law(NamedTuple):
     """The law of a mixture as arrays; matrices are (rolling species, surface species)."""
 
-    repose_slope: Array  # 1
-    collision_rate: Array  # 1/s
-    cross_amplification: Array  # 1/s
+    repose_slope: Floats  # 1
+    collision_rate: Floats  # 1/s
+    cross_amplification: Floats  # 1/s
     smoothing: float  # 1
     surface_depth: float  # cm
     curvature_length: float  # cm
@@ -70,7 +68,7 @@ def positive_part(z: float, smoothing: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def find_repose_slope(theta: Array, phi: Array, law: Law) -> None:
+def find_repose_slope(theta: Floats, phi: Floats, law: Law) -> None:
     """theta_a(phi): repose slope of each rolling species on surfaces of composition `phi`."""
     species, cells = phi.shape
     for a in range(species):
@@ -82,7 +80,7 @@ def find_repose_slope(theta: Array, phi: Array, law: Law) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def find_capture_rate(rate: Array, theta: Array, slope: Array, law: Law) -> None:
+def find_capture_rate(rate: Floats, theta: Floats, slope: Floats, law: Law) -> None:
     """gamma_aa P(theta_a - s) [1/s]: the chance per time that a rolling grain of a is captured."""
     species, cells = theta.shape
     for a in range(species):
@@ -93,7 +91,7 @@ def find_capture_rate(rate: Array, theta: Array, slope: Array, law: Law) -> None
 
 @njit(cache=True, error_model="numpy")
 def find_amplification_rate(
-    rate: Array, theta: Array, slope: Array, rolling: Array, law: Law
+    rate: Floats, theta: Floats, slope: Floats, rolling: Floats, law: Law
 ) -> None:
     """sum_b [mu_ba + gamma_ba P(s - theta_b)] R_b [cm/s]: static a set rolling, per phi_a."""
     species, cells = theta.shape
@@ -106,7 +104,7 @@ def find_amplification_rate(
                 rate[a, i] += (mu + push) * rolling[b, i]
 
 
-def interaction(rolling: Array, phi: Array, slope: Array, law: Law) -> Array:
+def interaction(rolling: Floats, phi: Floats, slope: Floats, law: Law) -> Floats:
     """Gamma_a (species, cell) [cm/s] of rolling thicknesses on surfaces `phi` at slopes (cell,)."""
     theta, captured, amplified = (np.empty_like(rolling) for _ in range(3))
     find_repose_slope(theta, phi, law)

@@ -6,19 +6,20 @@ from typing import Annotated
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from pydantic import Field
 
-from continuum.kernel import Flow, Grid, advance, find_composition, thickness_at_rest
+from continuum.kernel import Flow, Grid, advance, find_composition
 from continuum.law import Law, law_of
 from experiment import Experiment
 from experiment.archive import assemble
+from experiment.arrays import Floats
 from experiment.fields import Part
 from experiment.recorder import Recorder, record_steps
 
 __all__ = ["Resolution", "pour"]
 
-Array = NDArray[np.float64]
+
+FIRST_BINS = 64
 
 
 class Resolution(Part):
@@ -37,9 +38,7 @@ class Resolution(Part):
         )
 
 
-def pour(
-    experiment: Experiment, progress: Callable[[float], object] = lambda share: None
-) -> xr.Dataset:
+def pour(experiment: Experiment, progress: Callable[[float], object] | None = None) -> xr.Dataset:
     """Pour `experiment` by the equations of surface flow; the archive as a Dataset, in cm and s.
 
     `progress` is called with the share that is done. Raises :class:`SetupError` for a wrong
@@ -64,7 +63,8 @@ def pour(
         done = step
         poured += inflow.sum(axis=0) * velocity * grid.dt
         _record(recorder, record, step * grid.dt, flow, law, grid, poured)
-        progress((record + 1) / len(steps))
+        if progress is not None:
+            progress((record + 1) / len(steps))
     z, deposit_fraction = _deposit_fraction(flow, base, grid)
     arrays = recorder.arrays | {
         "x": x,
@@ -76,14 +76,15 @@ def pour(
     return assemble(experiment, "continuum", arrays, notes)
 
 
-def _still(experiment: Experiment, base: Array, grid: Grid) -> Flow:
+def _still(experiment: Experiment, base: Floats, grid: Grid) -> Flow:
     """The surface before pouring: nothing rolls, nothing is deposited."""
     shape = (experiment.mixture.species, len(base))
     return Flow(
         height=base.copy(),
         rolling=np.zeros(shape),
         surface=np.zeros(shape),
-        deposit=np.zeros((len(base), 64, experiment.mixture.species)),
+        filling=np.zeros(shape),
+        deposit=np.zeros((*shape, FIRST_BINS)),
         top=np.zeros(len(base), dtype=np.int64),
         rigid=base - grid.dz * np.floor(base / grid.dz),
         rigid_fraction=np.array(experiment.start_composition),
@@ -91,7 +92,7 @@ def _still(experiment: Experiment, base: Array, grid: Grid) -> Flow:
 
 
 def _advance_all(
-    flow: Flow, law: Law, grid: Grid, velocity: Array, inflow: Array
+    flow: Flow, law: Law, grid: Grid, velocity: Floats, inflow: Floats
 ) -> tuple[Flow, int]:
     """Take all steps of `inflow`, adding bins to the deposit as the pile outgrows them."""
     most = 0
@@ -101,14 +102,17 @@ def _advance_all(
         inflow = inflow[steps:]
         if not len(inflow):
             return flow, most
-        flow = flow._replace(deposit=np.concatenate([flow.deposit, np.zeros_like(flow.deposit)], 1))
+        flow = flow._replace(
+            deposit=np.concatenate([flow.deposit, np.zeros_like(flow.deposit)], axis=2)
+        )
 
 
 def _record(
-    recorder: Recorder, record: int, time: float, flow: Flow, law: Law, grid: Grid, poured: Array
+    recorder: Recorder, record: int, time: float, flow: Flow, law: Law, grid: Grid, poured: Floats
 ) -> None:
     phi = np.empty_like(flow.surface)
     find_composition(phi, flow.surface, flow.rigid_fraction, law.surface_depth)
+    at_rest = (flow.surface + flow.filling + flow.deposit.sum(axis=2)).sum(axis=1)
     recorder.keep(
         record,
         time=time,
@@ -117,34 +121,37 @@ def _record(
         surface_fraction=phi.T,
         poured_volume=poured,
         rolling_volume=flow.rolling.sum(axis=1) * grid.dx,
-        deposited_volume=thickness_at_rest(flow).sum(axis=1) * grid.dx,
+        deposited_volume=at_rest * grid.dx,
     )
 
 
-def _deposit_fraction(flow: Flow, base: Array, grid: Grid) -> tuple[Array, Array]:
+def _deposit_fraction(flow: Flow, base: Floats, grid: Grid) -> tuple[Floats, Floats]:
     """Composition of what was poured, (z, x, species), on bins of height dz above the floor."""
-    cells, bins, species = flow.deposit.shape
+    species, cells, _ = flow.deposit.shape
     first = np.floor(base / grid.dz).astype(np.int64)
-    highest = int((first + flow.top).max()) + 2 + math.ceil(float(flow.surface.sum(axis=0).max() / grid.dz))
-    volume = np.zeros((highest, cells, species))
+    layer_bins = math.ceil(float(flow.surface.sum(axis=0).max()) / grid.dz) + 1
+    volume = np.zeros((species, cells, int((first + flow.top).max()) + 1 + layer_bins))
     for i in range(cells):
-        column = flow.deposit[i].copy()
-        _lay_on_top(column, flow.surface[:, i], int(flow.top[i]), flow.rigid[i], grid.dz)
-        used = min(bins, highest - first[i])
-        volume[first[i] : first[i] + used, i] = column[:used]
-    total = volume.sum(axis=2, keepdims=True)
+        used = int(flow.top[i]) + 1
+        column = np.zeros((species, used + layer_bins))
+        column[:, : used - 1] = flow.deposit[:, i, : used - 1]
+        column[:, used - 1] = flow.filling[:, i]
+        _lay_on_top(column, flow.surface[:, i], used - 1, flow.rigid[i], grid.dz)
+        volume[:, i, first[i] : first[i] + used + layer_bins] = column
+    total = volume.sum(axis=0)
     fraction = np.full_like(volume, np.nan)
     np.divide(volume, total, out=fraction, where=total > 0)
-    return (np.arange(highest) + 0.5) * grid.dz, fraction
+    z = (np.arange(volume.shape[2]) + 0.5) * grid.dz
+    return z, fraction.transpose(2, 1, 0)
 
 
-def _lay_on_top(column: Array, layer: Array, top: int, rigid: float, dz: float) -> None:
-    """Put the surface layer (species,) onto a column of bins (bin, species), from bin `top` up."""
+def _lay_on_top(column: Floats, layer: Floats, top: int, rigid: float, dz: float) -> None:
+    """Put the surface layer (species,) onto a column (species, bin), from bin `top` up."""
     left = layer.sum()
     mixture = layer / left if left > 0 else layer
-    while left > 0:
-        room = dz - column[top].sum() - (rigid if top == 0 else 0.0)
+    while left > 0 and top < column.shape[1]:
+        room = dz - column[:, top].sum() - (rigid if top == 0 else 0.0)
         part = min(max(room, 0.0), left)
-        column[top] += part * mixture
+        column[:, top] += part * mixture
         left -= part
         top += 1

@@ -20,13 +20,11 @@ theta_1(phi_2 = 1) there.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from experiment import Experiment, NotApplicableError
+from experiment.arrays import Floats
 
 __all__ = ["SteadyState", "steady_state"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ class SteadyState:
 
     @property
     def mixing_length(self) -> float:
-        """r = v / (gamma psi) [cm]: over which the species mix below x_m."""
+        """R = v / (gamma psi) [cm]: over which the species mix below x_m."""
         return self.velocity / (self.rate * self.psi)
 
     @property
@@ -62,22 +60,22 @@ class SteadyState:
         """dh/dt = v R0 / L [cm/s], the same everywhere."""
         return self.velocity * self.total_inflow / self.length
 
-    def small_share(self, x: Array) -> Array:
-        """u = R_1 / R (cell,)."""
+    def small_share(self, x: Floats) -> Floats:
+        """U = R_1 / R (cell,)."""
         total = self.total_inflow * (self.length - x) / self.length
         above = self.inflow[0] - self.total_inflow * x / self.length
         c = self.inflow[1] * self.length / (self.total_inflow * self.mixing_length)
         below = 1.0 / (1.0 + c * np.exp(np.maximum(x - self.middle, 0.0) / self.mixing_length))
         inside = np.divide(above, total, out=np.zeros_like(x), where=total > 0)
-        return np.where(x < self.middle, inside, below)
+        return np.asarray(np.where(x < self.middle, inside, below))
 
-    def rolling_thickness(self, x: Array) -> Array:
+    def rolling_thickness(self, x: Floats) -> Floats:
         """R_1 and R_2 (cell, species) [cm]."""
         total = self.total_inflow * (self.length - x) / self.length
         u = self.small_share(x)
         return np.stack([u * total, (1.0 - u) * total], axis=-1)
 
-    def surface_fraction(self, x: Array) -> Array:
+    def surface_fraction(self, x: Floats) -> Floats:
         """phi_1 and phi_2 (cell, species)."""
         u = self.small_share(x)
         large = self.rolling_thickness(x)[..., 1]
@@ -85,8 +83,8 @@ class SteadyState:
         phi_1 = np.where(x < self.middle, 1.0, below)
         return np.stack([phi_1, 1.0 - phi_1], axis=-1)
 
-    def slope(self, x: Array) -> Array:
-        """theta (cell,), for 0 <= x < L."""
+    def slope(self, x: Floats) -> Floats:
+        """Theta (cell,), for 0 <= x < L."""
         r1, r2 = self.inflow
         g = self.cross_rate / self.rate
         scale = self.length / self.total_inflow

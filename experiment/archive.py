@@ -7,7 +7,7 @@ whatever is not such a file.
 
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -21,7 +21,7 @@ from experiment.errors import ArchiveError, OutputExistsError, StratifyError
 from experiment.experiment import Experiment
 from experiment.variables import COORDINATES, VARIABLES, Variable
 
-__all__ = ["assemble", "experiment_of", "read", "write", "write_whole"]
+__all__ = ["assemble", "experiment_of", "read", "refuse_existing", "write", "write_whole"]
 
 CONVENTIONS = "CF-1.11"
 REFERENCES = "H. A. Makse, Phys. Rev. E 56, 7008 (1997), doi:10.1103/PhysRevE.56.7008"
@@ -36,9 +36,9 @@ def assemble(
 ) -> xr.Dataset:
     """The archive of one run as a Dataset, from the `arrays` that the model recorded.
 
-    `arrays` holds the coordinates time [s], x and z [cm] and every variable that the set-up does not
-    already tell; `attributes` are the model's own notes on the run. Raises :class:`ArchiveError`
-    for a name that is not in the table, a missing one, or a wrong shape.
+    `arrays` holds the coordinates time [s], x and z [cm] and every variable that the set-up does
+    not already tell; `attributes` are the model's own notes on the run. Raises
+    :class:`ArchiveError` for a name that is not in the table, a missing one, or a wrong shape.
     """
     mixture = experiment.mixture
     known: dict[str, NDArray[Any]] = {
@@ -60,7 +60,11 @@ def assemble(
     release = version("stratify")
     return check(
         xr.Dataset(
-            {name: _data_array(VARIABLES[name], known[name]) for name in VARIABLES if name in known},
+            {
+                name: _data_array(VARIABLES[name], known[name])
+                for name in VARIABLES
+                if name in known
+            },
             {name: _data_array(COORDINATES[name], known[name]) for name in COORDINATES},
             {
                 "Conventions": CONVENTIONS,
@@ -94,14 +98,20 @@ def check(dataset: xr.Dataset) -> xr.Dataset:
     return dataset
 
 
+def refuse_existing(paths: Iterable[Path], *, force: bool) -> None:
+    """Raise :class:`OutputExistsError` for a path that exists, unless `force` is given."""
+    for path in paths:
+        if path.exists() and not force:
+            raise OutputExistsError(f"{str(path)!r} exists already; --force replaces it")
+
+
 def write_whole(dataset: xr.Dataset, path: Path, *, force: bool = False) -> Path:
     """Write any Dataset as netCDF-4 under a temporary name, then rename: whole or absent.
 
     Raises :class:`OutputExistsError` where `path` exists and `force` is not given, and
     :class:`ArchiveError` where it cannot be written.
     """
-    if path.exists() and not force:
-        raise OutputExistsError(f"{str(path)!r} exists already; --force replaces it")
+    refuse_existing([path], force=force)
     encoding = {
         name: {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True}
         for name, values in dataset.variables.items()

@@ -1,8 +1,6 @@
-"""The cell that is filled: a silo of length L with the wall at x = L and the pouring point at x = 0."""
+"""The cell that is filled: a silo of length L, poured into at x = 0, with its wall at x = L."""
 
-import numpy as np
-from numpy.typing import NDArray
-
+from experiment.arrays import Floats
 from experiment.fields import Fraction, Part, Positive, Slope
 
 __all__ = ["Cell"]
@@ -15,6 +13,6 @@ class Cell(Part):
     start_slope: Slope = 0.0  # 1
     start_composition: tuple[Fraction, ...] | None = None  # 1; default: all of the smallest species
 
-    def base_height(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def base_height(self, x: Floats) -> Floats:
         """Height of the surface before pouring [cm] at distances x [cm]; 0 at the wall."""
         return self.start_slope * (self.length - x)

@@ -50,8 +50,8 @@ class Experiment(Part):
     feed: Feed
     pour: Pour
     published: Published | None = None
-    ca_model: dict[str, Any] = {}
-    continuum: dict[str, Any] = {}
+    ca_model: dict[str, Any] = Field(default_factory=dict)
+    continuum: dict[str, Any] = Field(default_factory=dict)
 
     @classmethod
     def from_toml(cls, text: str, settings: Sequence[str] = ()) -> Self:
@@ -120,7 +120,9 @@ def set_values(tables: Mapping[str, Any], settings: Sequence[str]) -> dict[str, 
         *path, last = key.strip().split(".")
         place: Any = changed
         for step in path:
-            place = place.setdefault(step, {}) if isinstance(place, dict) else _item(place, step, key)
+            place = (
+                place.setdefault(step, {}) if isinstance(place, dict) else _item(place, step, key)
+            )
         if isinstance(place, dict):
             place[last] = _value(text)
         else:

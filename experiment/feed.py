@@ -3,9 +3,9 @@
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from experiment.arrays import Floats
 from experiment.fields import NonNegative, Part
 
 __all__ = ["Feed"]
@@ -16,7 +16,7 @@ class Feed(Part):
 
     inflow: tuple[NonNegative, ...] = Field(min_length=1)  # cm, one a species
 
-    def thickness(self, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    def thickness(self, time: Floats) -> Floats:
         """Rolling thickness R_a^0 [cm] at x = 0: an array (time, species) for times (time,) [s]."""
         return np.tile(np.asarray(self.inflow, dtype=np.float64), (len(time), 1))
 

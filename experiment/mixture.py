@@ -1,7 +1,8 @@
 """The grains: sizes, repose slopes, collision rates and drift velocities of N species.
 
-Matrices read [rolling species, surface species]. The repose slope of rolling species a on a surface
-of composition phi is theta_a(phi) = sum_b theta_ab phi_b. For two species the paper's parameters are
+Matrices read [rolling species, surface species]. The repose slope of rolling species a on a
+surface of composition phi is theta_a(phi) = sum_b theta_ab phi_b. For two species the paper's
+parameters are
 
     psi   = theta_11 - theta_21            m1 = theta_12 - theta_11
     delta = theta_22 - theta_11            m2 = theta_22 - theta_21 = delta + psi
@@ -32,7 +33,7 @@ SHORTHANDS = {*TWO_SPECIES, "repose_angle"}
 def two_species_slopes(
     theta_11: float, psi: float, delta: float, m1: float | None = None
 ) -> Matrix:
-    """Repose slopes of two species from the paper's parameters; m1 = m2 = delta + psi by default."""
+    """Repose slopes from the paper's parameters; m1 = m2 = delta + psi by default."""
     m1 = delta + psi if m1 is None else m1
     return (theta_11, theta_11 + m1), (theta_11 - psi, theta_11 + delta)
 
@@ -76,11 +77,12 @@ class Mixture(Part):
 
     @classmethod
     def from_degrees(cls, repose_angle: Any, **others: Any) -> Self:
-        """Repose angles in degrees: a matrix, or two pure species' angles with `psi` in `others`."""
+        """Repose angles in degrees: a matrix, or two pure species' with `psi` in `others`."""
         return cls.parse({"repose_angle": repose_angle, **others}, "mixture")
 
     @classmethod
     def known_fields(cls) -> set[str]:
+        """The fields and their shorthands."""
         return super().known_fields() | SHORTHANDS
 
     @property
@@ -126,7 +128,9 @@ class Mixture(Part):
         for name in ("grain_diameter", "drift_velocity"):
             value = getattr(self, name)
             if len(value) != n:
-                raise ValueError(f"{name} = {list(value)}: it should have {n} values, one a species")
+                raise ValueError(
+                    f"{name} = {list(value)}: it should have {n} values, one a species"
+                )
         for name in ("repose_slope", "collision_rate", "cross_amplification"):
             matrix = getattr(self, name)
             if matrix is not None and [len(row) for row in matrix] != [n] * n:
@@ -172,7 +176,11 @@ def _tangent(angle: Any) -> float:
 def _resolve_two_species(fields: dict[str, Any]) -> None:
     wanted = {name: fields.pop(name) for name in TWO_SPECIES if name in fields}
     for name, value in wanted.items():
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, (int, float))
+            or not math.isfinite(value)
+        ):
             raise ValueError(f"{name} = {value!r}: it should be a finite number")
     if "repose_slope" in fields:
         wanted = _parameters(fields["repose_slope"], wanted) | wanted

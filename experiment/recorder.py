@@ -1,8 +1,8 @@
 """When a pour is recorded, and where the records go: allocated from the table of variables."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from experiment.arrays import Floats
 from experiment.errors import ArchiveError
 from experiment.experiment import Pour
 from experiment.variables import COORDINATES, VARIABLES
@@ -25,13 +25,13 @@ class Recorder:
     def __init__(self, records: int, cells: int, species: int) -> None:
         sizes = {"time": records, "x": cells, "species": species}
         table = COORDINATES | VARIABLES
-        self.arrays: dict[str, NDArray[np.float64]] = {
+        self.arrays: dict[str, Floats] = {
             name: np.full([sizes[dim] for dim in variable.dims], np.nan)
             for name, variable in table.items()
             if "time" in variable.dims
         }
 
-    def keep(self, record: int, **values: float | NDArray[np.float64]) -> None:
+    def keep(self, record: int, **values: float | Floats) -> None:
         """Keep one record; `values` must name every variable along `time`."""
         if set(values) != set(self.arrays):
             odd = sorted(set(values) ^ set(self.arrays))

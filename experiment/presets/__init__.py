@@ -19,7 +19,9 @@ def preset_names() -> list[str]:
 def preset_text(name: str) -> str:
     """The TOML text of a preset. Raises :class:`SetupError` where there is none of that name."""
     if name not in preset_names():
-        raise SetupError(f"set-up {name!r}: no such preset or file; presets: {', '.join(preset_names())}")
+        raise SetupError(
+            f"set-up {name!r}: no such preset or file; presets: {', '.join(preset_names())}"
+        )
     return (files(__name__) / f"{name}.toml").read_text(encoding="utf-8")
 
 

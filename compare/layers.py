@@ -1,0 +1,123 @@
+"""Layers: the period of the deposit along the vertical.
+
+The coarseness c(z) of each column, from the settled part of the pour, is correlated with itself,
+
+    A(lag) = < c'(z) c'(z + lag) >,        c' = c - <c> in its column,
+
+averaged over the measured columns. A cycle may lay more than one pair of layers, so the wavelength
+is not the first peak but the shortest lag whose peak comes close to the highest one: the lag at
+which the whole pattern repeats. The strength of the layering is the amplitude of what repeats,
+2 sqrt(A(wavelength)): 1 for equal layers of pure small and pure large grains.
+"""
+
+import numpy as np
+import scipy
+import xarray as xr
+from numpy.typing import NDArray
+
+from compare.quantities import coarseness, measured_columns, settled_since
+from experiment.arrays import Floats
+
+__all__ = ["layers", "settled_profiles"]
+
+
+AS_HIGH_AS = 0.8  # of the highest peak
+WEAKEST = 0.1  # strength that still counts as a layering
+NEAR = 0.3  # how far from the mean wavelength a single column's may be
+
+
+def layers(archive: xr.Dataset) -> xr.Dataset:
+    """Layers of the settled part of a pour.
+
+    wavelength and its standard error wavelength_error [cm], along the vertical; wavelength_normal
+    [cm], across the layers; wavelength_at(x) [cm] of single columns (the measured ones) and their
+    standard deviation wavelength_spread; layering, the strength. NaN where there are no layers.
+    """
+    columns = np.flatnonzero(measured_columns(archive))
+    settled = settled_profiles(archive)
+    profiles = [settled[i] for i in columns]
+    dz = float(archive["z"][1] - archive["z"][0])
+    longest = min(len(profile) for profile in profiles) * 2 // 3
+    single = np.array([_autocorrelation(profile, longest) for profile in profiles])
+    peak, strength = _repeat(single.mean(axis=0)) if longest > 2 else (np.nan, 0.0)
+    at = np.array([_nearest_peak(one, peak) for one in single]) * dz
+    spread = float(np.nanstd(at)) if np.isfinite(at).any() else np.nan
+    repeats = np.mean([len(profile) for profile in profiles]) / peak
+    slope = _mean_slope(archive, columns)
+
+    def cm(value: float, long_name: str) -> tuple[tuple[()], float, dict[str, str]]:
+        return (), value, {"units": "cm", "long_name": long_name}
+
+    return xr.Dataset(
+        {
+            "wavelength": cm(peak * dz, "vertical wavelength of the layers"),
+            "wavelength_error": cm(spread / np.sqrt(repeats), "standard error of wavelength"),
+            "wavelength_spread": cm(spread, "standard deviation of wavelength over x"),
+            "wavelength_normal": cm(
+                peak * dz / np.hypot(1.0, slope), "wavelength normal to the layers"
+            ),
+            "wavelength_at": (
+                "x",
+                at,
+                {"units": "cm", "long_name": "vertical wavelength of single columns"},
+            ),
+            "layering": ((), strength, {"units": "1", "long_name": "strength of the layering"}),
+        },
+        {"x": archive["x"][columns]},
+    )
+
+
+def settled_profiles(archive: xr.Dataset) -> list[Floats]:
+    """Coarseness (z,) of each column of the deposit, as far as it was laid after the transient."""
+    since = settled_since(archive)
+    start = archive["height"].interp(time=since).values
+    coarse = coarseness(archive["deposit_fraction"], archive).values.astype(np.float64)
+    laid = (archive["z"].values[:, None] > start) & np.isfinite(coarse)
+    return [coarse[laid[:, i], i] for i in range(len(start))]
+
+
+def _autocorrelation(profile: Floats, longest: int) -> Floats:
+    """A of one column at lags 0, 1, ... below `longest`."""
+    varying = profile - profile.mean()
+    n = len(varying)
+    product = scipy.signal.correlate(varying, varying, mode="full")[n - 1 : n - 1 + longest]
+    return np.asarray(product / (n - np.arange(len(product))))
+
+
+def _repeat(correlation: Floats) -> tuple[float, float]:
+    """The lag at which the pattern repeats, and its strength; NaN and 0 where none does."""
+    negative = np.flatnonzero(correlation < 0)
+    if not len(negative):
+        return np.nan, 0.0
+    first = int(negative[0])
+    peaks = first + scipy.signal.find_peaks(correlation[first:])[0]
+    heights = correlation[peaks]
+    if not len(peaks) or 2.0 * np.sqrt(max(heights.max(), 0.0)) < WEAKEST:
+        return np.nan, 0.0
+    chosen = int(peaks[heights >= AS_HIGH_AS * heights.max()][0])
+    return _summit(correlation, chosen), float(2.0 * np.sqrt(correlation[chosen]))
+
+
+def _summit(values: Floats, k: int) -> float:
+    """Place of the maximum of the parabola through three neighbouring values."""
+    left, middle, right = values[k - 1 : k + 2]
+    bend = left - 2 * middle + right
+    return float(k + 0.5 * (left - right) / bend) if bend < 0 else float(k)
+
+
+def _nearest_peak(correlation: Floats, lag: float) -> float:
+    """The highest peak of a single column near `lag`, NaN where it has none there."""
+    if not np.isfinite(lag):
+        return np.nan
+    peaks = scipy.signal.find_peaks(correlation)[0]
+    near = peaks[np.abs(peaks - lag) < NEAR * lag]
+    if not len(near):
+        return np.nan
+    return _summit(correlation, int(near[correlation[near].argmax()]))
+
+
+def _mean_slope(archive: xr.Dataset, columns: NDArray[np.intp]) -> float:
+    """Slope of the final surface, averaged over the measured columns."""
+    height = archive["height"].values[-1, columns]
+    x = archive["x"].values[columns]
+    return float(-(height[-1] - height[0]) / (x[-1] - x[0]))

@@ -1,0 +1,69 @@
+"""What every measurement takes from an archive: the pour's scales, and where and when to look."""
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+__all__ = [
+    "coarseness",
+    "flux",
+    "measured_columns",
+    "rise_velocity",
+    "settled_since",
+    "total_inflow",
+    "velocity",
+]
+
+TRANSIENT_SHARE = 1 / 3
+EDGE_SHARE = 0.2
+
+
+def total_inflow(archive: xr.Dataset) -> float:
+    """R0 = sum_a R_a^0 [cm]."""
+    return float(archive["inflow"].sum())
+
+
+def flux(archive: xr.Dataset) -> float:
+    """sum_a v_a R_a^0 [cm2/s]: what is poured per time and unit gap."""
+    return float((archive["inflow"] * archive["drift_velocity"]).sum())
+
+
+def velocity(archive: xr.Dataset) -> float:
+    """V [cm/s]: the grains' drift velocity, averaged over what is poured."""
+    return flux(archive) / total_inflow(archive)
+
+
+def cell_length(archive: xr.Dataset) -> float:
+    """L [cm], from the evenly spaced cells or columns."""
+    x = archive["x"].values
+    return float(len(x) * (x[1] - x[0]))
+
+
+def rise_velocity(archive: xr.Dataset) -> float:
+    """R0 v / L [cm/s]: how fast the pile grows on average."""
+    return flux(archive) / cell_length(archive)
+
+
+def settled_since(archive: xr.Dataset) -> float:
+    """Time [s] from which on the pour counts as settled: after a third of it."""
+    return float(archive["time"].values[-1]) * TRANSIENT_SHARE
+
+
+def measured_columns(archive: xr.Dataset) -> NDArray[np.bool_]:
+    """Which columns (x,) are measured: not the fifth of the cell at either end."""
+    x = archive["x"].values
+    length = cell_length(archive)
+    return (x > EDGE_SHARE * length) & (x < (1 - EDGE_SHARE) * length)
+
+
+def coarseness(fraction: xr.DataArray, archive: xr.Dataset) -> xr.DataArray:
+    """Mean grain diameter of a composition, scaled from 0 (all smallest) to 1 (all largest).
+
+    For two species it is the fraction of the large one; for grains of one size it is the fraction
+    of the last species.
+    """
+    diameter = archive["grain_diameter"]
+    spread = float(diameter.max() - diameter.min())
+    if spread > 0:
+        return fraction.dot((diameter - diameter.min()) / spread, dim="species")
+    return fraction.isel(species=-1, drop=True)

@@ -1,0 +1,79 @@
+"""One table for people: model against model, and the published value beside them."""
+
+import math
+
+import numpy as np
+import xarray as xr
+from rich.table import Table
+
+__all__ = ["as_records", "table", "with_error"]
+
+MOST_DIGITS = 4
+
+ROWS = {
+    "regime": "regime",
+    "layering": "layering",
+    "segregation": "segregation",
+    "wavelength": "wavelength, vertical (cm)",
+    "wavelength_of_period": "  R0 v T / L (cm)",
+    "wavelength_of_velocities": "  R0 v (1/v_f + 1/v_k) (cm)",
+    "wavelength_normal": "wavelength, normal (cm)",
+    "wavelength_scaled": "wavelength / R0",
+    "kink_velocity": "kink velocity (cm/s)",
+    "front_velocity": "front velocity (cm/s)",
+    "kink_velocity_scaled": "kink velocity / v",
+    "cycle_period": "cycle period (s)",
+}
+
+
+def table(comparisons: list[xr.Dataset]) -> Table:
+    """The comparisons below each other: a row for each number, a column for each model."""
+    models = ("ca_model", "continuum")
+    sheet = Table("", *models, "published")
+    for comparison in comparisons:
+        sheet.add_section()
+        sheet.add_row(f"[bold]{comparison.attrs['title']}[/bold]")
+        for name, label in ROWS.items():
+            cells = [_cell(comparison, name, model) for model in models]
+            sheet.add_row(label, *cells, _published(comparison, name))
+    return sheet
+
+
+def as_records(comparison: xr.Dataset) -> dict[str, object]:
+    """A comparison as plain numbers by model and name, for JSON; None where there is no number."""
+    models = [str(model) for model in comparison["model"].values]
+    record: dict[str, object] = {"title": comparison.attrs["title"]}
+    for model in models:
+        chosen = comparison.sel(model=model)
+        record[model] = {str(name): _plain(chosen[name].item()) for name in chosen.data_vars}
+    return record
+
+
+def with_error(value: float, error: float) -> str:
+    """A number with as many digits as its standard error warrants, such as 3.021 ± 0.002."""
+    if not math.isfinite(value):
+        return "-"
+    if not math.isfinite(error) or error <= 0:
+        return f"{value:.4g}"
+    digits = min(max(0, 1 - math.floor(math.log10(error))), MOST_DIGITS)
+    return f"{value:.{digits}f} ± {error:.{digits}f}"
+
+
+def _cell(comparison: xr.Dataset, name: str, model: str) -> str:
+    if model not in comparison["model"].values:
+        return ""
+    value = comparison[name].sel(model=model).item()
+    if isinstance(value, str):
+        return value
+    error = f"{name}_error"
+    known = error in comparison
+    return with_error(value, comparison[error].sel(model=model).item() if known else np.nan)
+
+
+def _published(comparison: xr.Dataset, name: str) -> str:
+    published = f"published_{name}"
+    return f"{comparison[published].item():g}" if published in comparison else ""
+
+
+def _plain(value: object) -> object:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
