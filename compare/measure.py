@@ -87,11 +87,14 @@ def measure(archive: xr.Dataset) -> xr.Dataset:
 
 
 def compare(archives: Sequence[xr.Dataset]) -> xr.Dataset:
-    """Both models' numbers over a dimension `model`, and what was published for the mixture."""
+    """Both models' numbers over a dimension `model`, and what was published for the mixture.
+
+    A model is chosen by name, as in `comparison.sel(model_name="continuum")`.
+    """
     measured = xr.concat([measure(archive) for archive in archives], "model")
     measured = measured.assign_coords(
-        model=("model", np.array([archive.attrs["model"] for archive in archives], dtype=object))
-    )
+        model_name=("model", [archive.attrs["model"] for archive in archives])
+    ).set_xindex("model_name")
     experiment = experiment_of(archives[0])
     published = experiment.published
     notes: dict[str, Any] = {

@@ -41,10 +41,10 @@ def table(comparisons: list[xr.Dataset]) -> Table:
 
 def as_records(comparison: xr.Dataset) -> dict[str, object]:
     """A comparison as plain numbers by model and name, for JSON; None where there is no number."""
-    models = [str(model) for model in comparison["model"].values]
+    models = [str(model) for model in comparison["model_name"].values]
     record: dict[str, object] = {"title": comparison.attrs["title"]}
     for model in models:
-        chosen = comparison.sel(model=model)
+        chosen = comparison.sel(model_name=model)
         record[model] = {str(name): _plain(chosen[name].item()) for name in chosen.data_vars}
     return record
 
@@ -60,14 +60,14 @@ def with_error(value: float, error: float) -> str:
 
 
 def _cell(comparison: xr.Dataset, name: str, model: str) -> str:
-    if model not in comparison["model"].values:
+    if model not in comparison["model_name"].values:
         return ""
-    value = comparison[name].sel(model=model).item()
+    value = comparison[name].sel(model_name=model).item()
     if isinstance(value, str):
         return value
     error = f"{name}_error"
     known = error in comparison
-    return with_error(value, comparison[error].sel(model=model).item() if known else np.nan)
+    return with_error(value, comparison[error].sel(model_name=model).item() if known else np.nan)
 
 
 def _published(comparison: xr.Dataset, name: str) -> str:

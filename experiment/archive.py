@@ -42,8 +42,8 @@ def assemble(
     """
     mixture = experiment.mixture
     known: dict[str, NDArray[Any]] = {
-        "species": np.array(mixture.names),
-        "surface_species": np.array(mixture.names),
+        "species_name": np.array(mixture.names),
+        "surface_species_name": np.array(mixture.names),
         "repose_slope": np.array(mixture.repose_slope),
         "drift_velocity": np.array(mixture.drift_velocity),
         "grain_diameter": np.array(mixture.grain_diameter),
@@ -113,14 +113,10 @@ def write_whole(dataset: xr.Dataset, path: Path, *, force: bool = False) -> Path
     """
     refuse_existing([path], force=force)
     encoding = {
-        name: {"zlib": True, "complevel": 1, "shuffle": True, "fletcher32": True}
+        name: {"zlib": True, "complevel": 1, "fletcher32": True, "_FillValue": None}
         for name, values in dataset.variables.items()
         if values.dtype.kind == "f" and values.ndim > 0
     }
-    for values in dataset.variables.values():
-        values.encoding = {}
-        if values.dtype.kind == "f":
-            values.encoding["_FillValue"] = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")

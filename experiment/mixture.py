@@ -165,12 +165,9 @@ def _resolve_angles(fields: dict[str, Any]) -> None:
 
 
 def _tangent(angle: Any) -> float:
-    if isinstance(angle, (list, tuple)):
-        raise ValueError(f"repose_angle = {angle!r}: it should be a matrix of numbers")
-    degrees = float(angle)
-    if not 0 <= degrees < 89.4:
-        raise ValueError(f"repose_angle = {degrees:g}: it should be at least 0 and below 89.4")
-    return math.tan(math.radians(degrees))
+    if isinstance(angle, bool) or not isinstance(angle, (int, float)) or not 0 <= angle < 89.4:
+        raise ValueError(f"repose_angle = {angle!r}: it should be a number from 0 to below 89.4")
+    return math.tan(math.radians(angle))
 
 
 def _resolve_two_species(fields: dict[str, Any]) -> None:

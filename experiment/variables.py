@@ -13,7 +13,10 @@ DIMENSIONS = ("time", "x", "z", "species", "surface_species")
 
 @dataclass(frozen=True)
 class Variable:
-    """One variable of the archive."""
+    """One variable of the archive.
+
+    Names of species are labels beside their dimension, for CF's coordinate variables are numbers.
+    """
 
     name: str
     dims: tuple[str, ...]
@@ -37,8 +40,14 @@ COORDINATES = {
         Variable("time", ("time",), "s", "time since pouring began"),
         Variable("x", ("x",), "cm", "distance downhill from the pouring point"),
         Variable("z", ("z",), "cm", "height above the floor"),
-        Variable("species", ("species",), "", "species of grain", "str"),
-        Variable("surface_species", ("surface_species",), "", "species met on the surface", "str"),
+        Variable("species_name", ("species",), "", "species of grain", "str"),
+        Variable(
+            "surface_species_name",
+            ("surface_species",),
+            "",
+            "species met on the surface",
+            "str",
+        ),
     )
 }
 

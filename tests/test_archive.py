@@ -1,0 +1,187 @@
+"""What an archive promises: the same numbers back, CF conventions, whole or absent."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import ca_model
+import continuum
+from compare import compare
+from experiment import ArchiveError, Experiment, OutputExistsError
+from experiment.archive import assemble, experiment_of, read, write, write_whole
+from experiment.recorder import Recorder, record_steps
+from experiment.variables import COORDINATES, VARIABLES
+
+TIME_BY_NAME = "check_spatiotemporal_dims_have_coordinate_vars"
+MODELS = pytest.mark.parametrize("model", [ca_model, continuum])
+
+
+@pytest.fixture
+def archive(small_pour: Experiment) -> xr.Dataset:
+    return continuum.pour(small_pour)
+
+
+@MODELS
+def test_both_models_write_the_variables_of_the_table(model, small_pour: Experiment) -> None:
+    dataset = model.pour(small_pour)
+    assert set(dataset.variables) == set(COORDINATES | VARIABLES)
+    for variable in VARIABLES.values():
+        assert dataset[variable.name].dims == variable.dims
+        assert dataset[variable.name].attrs["units"] == variable.units
+    assert dataset.attrs["model"] == model.__name__
+
+
+@MODELS
+def test_a_written_archive_gives_the_same_numbers_back(model, small_pour, tmp_path: Path) -> None:
+    dataset = model.pour(small_pour)
+    path = write(dataset, tmp_path / "run.nc")
+    assert read(path).identical(dataset)
+    with xr.open_dataset(path) as opened:
+        assert opened["time"].dtype == np.float64
+        assert opened.load().identical(dataset)
+
+
+@MODELS
+def test_an_archive_alone_can_be_poured_again(model, small_pour: Experiment) -> None:
+    first = model.pour(small_pour)
+    again = model.pour(experiment_of(first))
+    assert again.drop_attrs().identical(first.drop_attrs())
+
+
+@MODELS
+def test_poured_is_rolling_plus_deposited(model, small_pour: Experiment) -> None:
+    dataset = model.pour(small_pour)
+    held = dataset["rolling_volume"] + dataset["deposited_volume"]
+    np.testing.assert_allclose(held, dataset["poured_volume"], rtol=1e-12, atol=1e-12)
+    assert (dataset["poured_volume"].diff("time") > 0).all()
+
+
+@MODELS
+def test_the_deposit_adds_up_to_what_came_to_rest(model, small_pour: Experiment) -> None:
+    dataset = model.pour(small_pour)
+    dx, dz = (float(dataset[name][1] - dataset[name][0]) for name in ("x", "z"))
+    lower = dataset["z"] - dz / 2
+    top, base = dataset["height"].isel(time=-1), dataset["base_height"]
+    filled = (np.minimum(lower + dz, top) - np.maximum(lower, base)).clip(0)
+    volume = (dataset["deposit_fraction"].fillna(0) * filled).sum(["z", "x"]) * dx
+    np.testing.assert_allclose(volume, dataset["deposited_volume"].isel(time=-1), rtol=1e-4)
+
+
+def test_archives_and_comparisons_pass_the_cf_checker(small_pour, tmp_path: Path) -> None:
+    archives = [ca_model.pour(small_pour), continuum.pour(small_pour)]
+    paths = [write(archive, tmp_path / f"{archive.attrs['model']}.nc") for archive in archives]
+    paths.append(write_whole(compare(archives), tmp_path / "comparison.nc"))
+    status, report = check_cf(paths, "--skip-checks", TIME_BY_NAME)
+    assert status == 0, report
+    assert report.count("All tests passed!") == len(paths), report
+
+
+def test_the_one_skipped_cf_check_asks_for_an_epoch_that_a_pour_has_not(small_pour, tmp_path):
+    """It wants standard_name "time" of whatever is called time; that name is for dates only."""
+    path = write(continuum.pour(small_pour), tmp_path / "run.nc")
+    complaints = {line for line in check_cf([path])[1].splitlines() if line.startswith("* ")}
+    assert complaints == {
+        "* Coordinate variable 'time' should have standard_name='time', found: 'None'"
+    }
+
+
+def check_cf(paths: list[Path], *options: str) -> tuple[int, str]:
+    checker = shutil.which("compliance-checker", path=str(Path(sys.executable).parent))
+    assert checker is not None
+    command = [checker, "--test", "cf:1.11", "--criteria", "normal", *options, *map(str, paths)]
+    report = subprocess.run(command, capture_output=True, text=True, check=False)
+    return report.returncode, report.stdout
+
+
+def test_an_archive_cut_in_half_is_refused(archive: xr.Dataset, tmp_path: Path) -> None:
+    path = write(archive, tmp_path / "run.nc")
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.raises(ArchiveError, match="is not a whole netCDF-4 archive"):
+        read(path)
+
+
+def test_a_damaged_byte_of_data_is_noticed(archive: xr.Dataset, tmp_path: Path) -> None:
+    path = write(archive, tmp_path / "run.nc")
+    content = bytearray(path.read_bytes())
+    start = content.find(b"x\x01", len(content) // 3)  # a deflated chunk
+    content[start + 40] ^= 0xFF
+    path.write_bytes(bytes(content))
+    with pytest.raises(ArchiveError, match="is not a"):
+        read(path)
+
+
+def test_what_is_no_archive_is_refused(tmp_path: Path) -> None:
+    text = tmp_path / "text.nc"
+    text.write_text("grains")
+    foreign = tmp_path / "foreign.nc"
+    xr.Dataset({"height": ("x", [1.0, 2.0])}).to_netcdf(foreign)
+    for path in (text, foreign):
+        with pytest.raises(ArchiveError, match="is not a"):
+            read(path)
+    with pytest.raises(ArchiveError, match="no such archive"):
+        read(tmp_path / "gone.nc")
+
+
+@pytest.mark.parametrize("lost", ["height", "deposit_fraction", "time"])
+def test_an_archive_without_a_variable_is_refused(archive, lost: str, tmp_path: Path) -> None:
+    path = write_whole(archive.drop_vars(lost), tmp_path / "run.nc")
+    with pytest.raises(ArchiveError, match=f"'{lost}' is missing"):
+        read(path)
+
+
+def test_an_archive_with_numbers_that_are_none_is_refused(archive: xr.Dataset, tmp_path) -> None:
+    archive["height"].values[0, 0] = np.nan
+    with pytest.raises(ArchiveError, match="height holds values"):
+        write(archive, tmp_path / "run.nc")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nothing_is_overwritten_without_force(archive: xr.Dataset, tmp_path: Path) -> None:
+    path = tmp_path / "run.nc"
+    path.write_text("precious")
+    with pytest.raises(OutputExistsError, match="exists already; --force"):
+        write(archive, path)
+    assert path.read_text() == "precious"
+    write(archive, path, force=True)
+    assert read(path).identical(archive)
+
+
+def test_a_failed_write_leaves_nothing_behind(archive: xr.Dataset, tmp_path: Path) -> None:
+    archive.attrs["unwritable"] = object()
+    path = tmp_path / "run.nc"
+    with pytest.raises((TypeError, ArchiveError)):
+        write(archive, path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_made_is_one_clear_error(archive, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ArchiveError, match="cannot be written"):
+        write(archive, tmp_path / "file" / "run.nc")
+
+
+def test_unknown_and_misshapen_variables_are_refused(small_pour: Experiment) -> None:
+    with pytest.raises(ArchiveError, match="'colour' is no variable"):
+        assemble(small_pour, "continuum", {"colour": np.zeros(3)}, {})
+    with pytest.raises(ArchiveError, match="height has shape"):
+        assemble(small_pour, "continuum", {"height": np.zeros(3), "x": np.zeros(3)}, {})
+
+
+def test_a_recorder_takes_whole_records_only() -> None:
+    recorder = Recorder(records=2, cells=3, species=2)
+    with pytest.raises(ArchiveError, match="'colour' is missing or unknown"):
+        recorder.keep(0, **dict.fromkeys(recorder.arrays, 0.0), colour=1.0)
+
+
+@pytest.mark.parametrize(("duration", "dt"), [(10.0, 1.0), (10.0, 0.3), (1.0, 0.4), (0.1, 7.0)])
+def test_records_run_from_start_to_end_and_none_is_kept_twice(small_pour, duration, dt) -> None:
+    pour = small_pour.pour.model_copy(update={"duration": duration, "records": 5})
+    steps = record_steps(pour, dt)
+    assert steps[0] == 0
+    assert steps[-1] == max(1, round(duration / dt))
+    assert steps == sorted(set(steps))

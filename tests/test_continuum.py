@@ -1,0 +1,282 @@
+"""The continuum: the paper's exchange, volumes conserved, and a deposit that remembers."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import continuum
+from continuum import law_of
+from continuum.kernel import Flow, Grid, advance, find_composition
+from continuum.law import Law, interaction, positive_part
+from experiment import Mixture, NotApplicableError, SetupError, load
+
+
+def law_with(species: int = 2, **changes: object) -> Law:
+    base = Law(
+        repose_slope=np.array([[1.0, 1.55, 1.6], [0.7, 1.25, 1.4], [0.5, 0.9, 1.3]]),
+        collision_rate=np.array([[1.0, 0.2, 0.3], [0.1, 2.0, 0.4], [0.5, 0.6, 3.0]]),
+        cross_amplification=np.zeros((3, 3)),
+        smoothing=0.0,
+        surface_depth=0.1,
+        curvature_length=0.1,
+    )
+    cut = {
+        name: getattr(base, name)[:species, :species].copy()
+        for name in ("repose_slope", "collision_rate", "cross_amplification")
+    }
+    return base._replace(**cut)._replace(**changes)
+
+
+def still(law: Law, cells: int, bins: int = 200, base: np.ndarray | None = None) -> Flow:
+    species = len(law.repose_slope)
+    return Flow(
+        height=np.zeros(cells) if base is None else base.copy(),
+        rolling=np.zeros((species, cells)),
+        surface=np.zeros((species, cells)),
+        filling=np.zeros((species, cells)),
+        deposit=np.zeros((species, cells, bins)),
+        top=np.zeros(cells, dtype=np.int64),
+        rigid=np.zeros(cells),
+        rigid_fraction=np.eye(species)[0],
+    )
+
+
+def volume(flow: Flow) -> np.ndarray:
+    """Rolling, surface and deposit of each species, in units of dx."""
+    held = flow.rolling + flow.surface + flow.filling + flow.deposit.sum(axis=2)
+    return held.sum(axis=1)
+
+
+@pytest.mark.parametrize("slope", [0.5, 0.9, 1.3, 1.9])
+@pytest.mark.parametrize("phi_2", [0.0, 0.3, 1.0])
+def test_the_exchange_of_two_species_is_the_papers(slope: float, phi_2: float) -> None:
+    """Eq. (mcs-r), written out, where gamma_21 is rolling 2 on static 1."""
+    law = law_with(2)
+    (g11, g12), (g21, g22) = law.collision_rate
+    r1, r2, phi_1 = 0.4, 0.7, 1 - phi_2
+    theta_1 = 1.0 + 0.55 * phi_2
+    theta_2 = 0.7 + 0.55 * phi_2
+
+    def capital_pi(z: float) -> float:
+        return max(z, 0.0)
+
+    gamma_1 = (
+        g11 * capital_pi(slope - theta_1) * phi_1 * r1
+        - g11 * capital_pi(theta_1 - slope) * r1
+        + g21 * capital_pi(slope - theta_2) * phi_1 * r2
+    )
+    gamma_2 = (
+        g22 * capital_pi(slope - theta_2) * phi_2 * r2
+        - g22 * capital_pi(theta_2 - slope) * r2
+        + g12 * capital_pi(slope - theta_1) * phi_2 * r1
+    )
+    found = interaction(
+        np.array([[r1], [r2]]), np.array([[phi_1], [phi_2]]), np.array([slope]), law
+    )
+    np.testing.assert_allclose(found[:, 0], [gamma_1, gamma_2], rtol=1e-14, atol=1e-15)
+
+
+def test_constant_cross_amplification_is_added_to_static_grains_of_the_other_species() -> None:
+    """BdG's minimal model: mu_ba R_b phi_a, and none from a grain's own species."""
+    quiet, constant = law_with(2), law_with(2, cross_amplification=np.array([[0, 0.3], [0.2, 0]]))
+    state = np.array([[0.4], [0.7]]), np.array([[0.25], [0.75]]), np.array([1.0])
+    added = interaction(*state, constant) - interaction(*state, quiet)
+    np.testing.assert_allclose(added[:, 0], [0.25 * 0.2 * 0.7, 0.75 * 0.3 * 0.4], rtol=1e-13)
+
+
+def test_smoothing_rounds_off_the_kink_of_p_and_nothing_far_from_it() -> None:
+    assert positive_part(-2.0, 0.0) == 0.0
+    assert positive_part(0.7, 0.0) == 0.7
+    assert positive_part(0.0, 0.1) == pytest.approx(0.05)
+    assert positive_part(5.0, 0.1) == pytest.approx(5.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("cross", [0.1, 1.0])
+def test_each_species_is_conserved_over_1e5_steps_with_erosion(cross: float) -> None:
+    """To 1e-12 of what was poured; heights fall somewhere, so the deposit is dug up."""
+    law = law_with(2, collision_rate=np.array([[1.0, cross], [cross, 1.0]]))
+    flow = still(law, 60, bins=4000, base=1.0 * np.arange(60)[::-1] * 0.5)
+    grid, velocity, steps = Grid(0.5, 0.5, 0.05), np.ones(2), 50
+    inflow = np.tile([0.5, 0.5], (steps, 1))
+    eroded = 0.0
+    for k in range(1, 2001):
+        before = flow.height.copy()
+        flow, taken = more(flow, law, grid, velocity, inflow)
+        assert taken == steps
+        eroded += float((before - flow.height).clip(0).sum())
+        assert min(flow.rolling.min(), flow.surface.min(), flow.filling.min()) >= 0
+        if k % 200 == 0:
+            assert flow.deposit.min() >= 0
+            np.testing.assert_allclose(volume(flow), 0.5 * steps * k, rtol=1e-12)
+    assert eroded > 100 * law.surface_depth, "many times the surface layer was dug up"
+
+
+def more(flow: Flow, law: Law, grid: Grid, velocity: np.ndarray, inflow: np.ndarray):
+    """Take all steps, with more bins where the pile needs them."""
+    taken = 0
+    while taken < len(inflow):
+        done, _ = advance(flow, law, grid, velocity, inflow[taken:])
+        taken += done
+        if taken < len(inflow):
+            bins = np.zeros_like(flow.deposit)
+            flow = flow._replace(deposit=np.concatenate([flow.deposit, bins], axis=2))
+    return flow, taken
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 2**32),
+    species=st.integers(1, 3),
+    length=st.sampled_from([0.0, 0.1, 0.5]),
+    equal=st.booleans(),
+)
+def test_any_mixture_keeps_its_volume_positive_thicknesses_and_fractions(
+    seed: int, species: int, length: float, equal: bool
+) -> None:
+    random = np.random.default_rng(seed)
+    law = law_with(
+        species,
+        repose_slope=random.uniform(0.1, 2.0, (species, species)),
+        collision_rate=10 ** random.uniform(-2, 2, (species, species)),
+        curvature_length=length,
+        surface_depth=10 ** random.uniform(-2, 0.5),
+        smoothing=random.choice([0.0, 0.1]),
+    )
+    velocity = np.full(species, 2.0) if equal else random.uniform(0.3, 2.0, species)
+    inflow = np.tile(random.uniform(0, 1, species), (400, 1))
+    base = random.uniform(0, 3) * np.arange(20)[::-1] * 0.5
+    flow = still(law, 20, bins=50, base=base)
+    flow, _ = more(flow, law, Grid(0.5, 0.25, 0.1), velocity, inflow)
+    poured = inflow.sum(axis=0) * velocity * 0.25 / 0.5
+    np.testing.assert_allclose(volume(flow), poured, rtol=1e-12, atol=1e-12)
+    assert min(flow.rolling.min(), flow.surface.min(), flow.filling.min()) >= 0
+    assert flow.deposit.min() >= 0
+    at_rest = (flow.surface + flow.filling + flow.deposit.sum(axis=2)).sum(axis=0)
+    np.testing.assert_allclose(flow.height - base, at_rest, rtol=1e-9, atol=1e-9)
+    phi = np.empty_like(flow.surface)
+    find_composition(phi, flow.surface, flow.rigid_fraction, law.surface_depth)
+    assert phi.min() >= 0
+    np.testing.assert_allclose(phi.sum(axis=0), 1.0, rtol=1e-12)
+
+
+def test_erosion_digs_up_what_was_buried_last_first() -> None:
+    """Large grains buried below small ones come up only when the small ones are gone."""
+    law = law_with(2, repose_slope=np.zeros((2, 2)), surface_depth=0.1, curvature_length=0.0)
+    flow = still(law, 3)
+    flow.height[:] = [3.0, 0.0, 0.0]
+    flow.deposit[1, 0, :10] = 0.1
+    flow.deposit[0, 0, 10:15] = 0.1
+    flow.top[0] = 15
+    flow.surface[0, 0] = 0.1
+    dug = np.zeros(2)
+    order = []
+    for _ in range(60):
+        advance(flow, law, Grid(1.0, 0.1, 0.1), np.ones(2), np.array([[0.3, 0.0]]))
+        flow.height[:] = [3.0, 0.0, 0.0]
+        held = (flow.surface + flow.filling + flow.deposit.sum(axis=2))[:, 0]
+        order.append(held.copy())
+        dug = np.array([0.6, 1.0]) - held
+    small, large = np.array(order).T
+    still_covered = small > 0.15
+    assert still_covered.any()
+    np.testing.assert_allclose(large[still_covered], 1.0, rtol=1e-12)
+    assert dug[1] > 0.3, "the large grains came up in the end"
+
+
+def test_the_rigid_surface_counts_as_surface_but_gives_up_no_grains() -> None:
+    law = law_with(2, repose_slope=np.zeros((2, 2)))
+    flow = still(law, 5, base=5.0 * np.arange(5)[::-1])
+    phi = np.empty((2, 5))
+    find_composition(phi, flow.surface, flow.rigid_fraction, law.surface_depth)
+    assert phi.tolist() == [[1.0] * 5, [0.0] * 5]
+    steep = flow.height.copy()
+    advance(flow, law, Grid(1.0, 1.0, 0.1), np.ones(2), np.tile([0.5, 0.5], (50, 1)))
+    assert (flow.height >= steep).all()
+    np.testing.assert_allclose(volume(flow), 25.0, rtol=1e-13)
+
+
+def test_equal_speeds_shift_the_rolling_grains_exactly() -> None:
+    """Without exchange (a slope between capture and amplification) a pulse keeps its every bit."""
+    law = law_with(1, repose_slope=np.array([[1.0]]), curvature_length=0.0)
+    cells = 64
+    flow = still(law, cells, base=1.0 * np.arange(cells)[::-1] * 0.5)
+    pulse = np.random.default_rng(1).uniform(0.1, 1.0, 20)
+    inflow = np.concatenate([pulse, np.zeros(cells - 30)])[:, None]
+    advance(flow, law, Grid(0.5, 0.5, 0.1), np.array([1.0]), inflow)
+    arrived = flow.rolling[0, len(inflow) - 20 : len(inflow)]
+    assert arrived.tolist() == pulse[::-1].tolist()
+
+
+def test_unequal_speeds_advect_a_smooth_pulse_at_second_order_and_keep_its_volume() -> None:
+    errors = []
+    for cells in (100, 200, 400):
+        dx = 20.0 / cells
+        law = law_with(
+            2, repose_slope=np.ones((2, 2)), collision_rate=np.eye(2), curvature_length=0.0
+        )
+        edges = np.arange(cells + 1) * dx
+        flow = still(law, cells, base=(20.0 - edges[:-1] - dx / 2))
+        velocity = np.array([2.0, 1.2])
+        steps = round(4.0 / (dx / 2.0))
+
+        def mass(at: np.ndarray, centre: float) -> np.ndarray:
+            return 0.5 * (1 + np.tanh((at - centre) / 1.0))
+
+        flow.rolling[:] = np.diff(mass(edges, 7.0)) / dx
+        advance(flow, law, Grid(dx, dx / 2.0, 0.1), velocity, np.zeros((steps, 2)))
+        exact = np.diff(mass(edges, 7.0 + 1.2 * 4.0)) / dx
+        errors.append(float(np.abs(flow.rolling[1] - exact).sum() * dx))
+        np.testing.assert_allclose(volume(flow) * dx, mass(edges, 7.0)[-1] - mass(edges, 7.0)[0])
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert (orders > 1.6).all(), (errors, orders)
+
+
+def test_the_number_of_records_does_not_change_the_pour() -> None:
+    few, many = (
+        continuum.pour(load("makse-stratification", ["pour.duration=200.0", f"pour.records={n}"]))
+        for n in (4, 100)
+    )
+    assert few["height"].isel(time=-1).equals(many["height"].isel(time=-1))
+    assert few["deposit_fraction"].equals(many["deposit_fraction"])
+
+
+def test_three_species_pour_as_two_do() -> None:
+    settings = [
+        "mixture={names=['a','b','c'], grain_diameter=[0.05,0.1,0.15], drift_velocity=1.0, "
+        "repose_slope=[[1.0,1.3,1.5],[0.8,1.1,1.4],[0.6,0.9,1.2]], "
+        "collision_rate=[[1.0,0.1,0.1],[0.1,1.0,0.1],[0.1,0.1,1.0]]}",
+        "feed.inflow=[0.3,0.3,0.3]",
+        "pour.duration=300.0",
+    ]
+    archive = continuum.pour(load("makse-stratification", settings))
+    held = archive["rolling_volume"] + archive["deposited_volume"]
+    np.testing.assert_allclose(held, archive["poured_volume"], rtol=1e-12, atol=1e-12)
+
+
+def test_a_mixture_without_rates_does_not_apply() -> None:
+    with pytest.raises(NotApplicableError, match=r"mixture\.collision_rate: missing"):
+        law_of(load("lattice-stratification").mixture)
+
+
+@pytest.mark.parametrize("setting", ["continuum.cells=2", "continuum.bins_per_depth=0.5"])
+def test_a_wrong_resolution_is_refused_by_name(setting: str) -> None:
+    with pytest.raises(SetupError, match=setting.partition("=")[0]):
+        continuum.pour(load("makse-stratification", [setting]))
+
+
+def test_a_law_is_made_of_any_mixture() -> None:
+    mixture = Mixture.two_species(
+        1.0,
+        0.3,
+        0.25,
+        names=["a", "b"],
+        grain_diameter=[0.1, 0.3],
+        drift_velocity=1.0,
+        collision_rate=[[1.0, 0.5], [0.25, 2.0]],
+        cross_amplification=[[0.0, 0.1], [0.2, 0.0]],
+    )
+    law = law_of(mixture)
+    assert law.collision_rate[1, 0] == 0.25
+    assert law.cross_amplification[0, 1] == 0.1
+    assert law.surface_depth == pytest.approx(0.2)
