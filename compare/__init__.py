@@ -3,11 +3,11 @@
 Measurements and pictures see archives only; only the command line runs the models.
 """
 
+from compare.deposit import layers
 from compare.figure import draw
 from compare.kymograph import cycle_period, fronts, kinks
-from compare.layers import layers
-from compare.measure import compare, measure
-from compare.regime import regime, segregation
+from compare.measurement import compare, measure
+from compare.regimes import regime, segregation
 
 __all__ = [
     "compare",

@@ -15,7 +15,7 @@ from rich.progress import Progress
 import ca_model
 import continuum
 from compare.figure import draw, save
-from compare.measure import compare as compare_archives
+from compare.measurement import compare as compare_archives
 from compare.table import as_records, table
 from experiment import (
     ArchiveError,

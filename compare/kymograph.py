@@ -16,7 +16,7 @@ from experiment.arrays import Floats
 __all__ = ["cycle_period", "fronts", "kinks", "mean_velocity"]
 
 
-ON, OFF = 0.6, 0.3  # of R0
+ON, OFF = 0.3, 0.15  # of R0
 SMOOTHED = 5  # records and columns over which R is averaged
 WHOLE_LINE = 0.75  # of the measured columns
 EFFICIENCY = np.sqrt(np.pi / 2)  # standard error of a median, over that of a mean

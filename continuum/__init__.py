@@ -2,5 +2,14 @@
 
 from continuum.law import Law, interaction, law_of
 from continuum.run import Resolution, pour
+from continuum.steady_state import SteadyState, steady_state_of
 
-__all__ = ["Law", "Resolution", "interaction", "law_of", "pour"]
+__all__ = [
+    "Law",
+    "Resolution",
+    "SteadyState",
+    "interaction",
+    "law_of",
+    "pour",
+    "steady_state_of",
+]

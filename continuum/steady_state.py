@@ -24,7 +24,7 @@ import numpy as np
 from experiment import Experiment, NotApplicableError
 from experiment.arrays import Floats
 
-__all__ = ["SteadyState", "steady_state"]
+__all__ = ["SteadyState", "steady_state_of"]
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class SteadyState:
         return np.where(x < self.middle, above, below)
 
 
-def steady_state(experiment: Experiment) -> SteadyState:
+def steady_state_of(experiment: Experiment) -> SteadyState:
     """The closed form for `experiment`; :class:`NotApplicableError` says where there is none."""
     mixture = experiment.mixture
     rates = mixture.collision_rate

@@ -133,7 +133,9 @@ def test_nonsense_is_refused_by_name_value_and_what_is_allowed(setting: str, nam
     assert "\n" not in str(refusal.value)
 
 
-@pytest.mark.parametrize("angles", [[26.0, 39.0, 40.0], [26.0, 95.0], ["a", 3.0], 3.0, [[1.0], 2.0]])
+@pytest.mark.parametrize(
+    "angles", [[26.0, 39.0, 40.0], [26.0, 95.0], ["a", 3.0], 3.0, [[1.0], 2.0]]
+)
 def test_angles_that_are_none_are_refused(angles: object) -> None:
     with pytest.raises(SetupError, match="repose_angle"):
         Mixture.from_degrees(angles, psi=0.3, **GRAINS)

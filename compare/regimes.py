@@ -1,6 +1,6 @@
 """What a pour did, from two numbers that the deposit gives.
 
-    layering     strength of what repeats along the vertical (:mod:`compare.layers`)
+    layering     strength of what repeats along the vertical (:mod:`compare.deposit`)
     segregation  standard deviation over x of the column's mean coarseness, over its largest
                  possible value sqrt(f (1 - f)), f the coarseness of all: 1 where species lie apart
 
@@ -12,7 +12,7 @@ A segregated pile may have weak stripes where its species meet: `layering` tells
 import numpy as np
 import xarray as xr
 
-from compare.layers import settled_profiles
+from compare.deposit import settled_profiles
 
 __all__ = ["regime", "segregation"]
 

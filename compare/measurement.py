@@ -8,13 +8,12 @@ cycle is a front's way down and a kink's way up, so wavelength is about R0 v (1 
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
+from compare.deposit import layers
 from compare.kymograph import cycle_period, fronts, kinks, mean_velocity
-from compare.layers import layers
 from compare.quantities import cell_length, flux, rise_velocity, total_inflow, velocity
-from compare.regime import regime, segregation
+from compare.regimes import regime, segregation
 from experiment.archive import experiment_of
 
 __all__ = ["compare", "measure"]
