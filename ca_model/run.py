@@ -13,9 +13,14 @@ from experiment.archive import assemble
 from experiment.arrays import Floats, Ints
 from experiment.recorder import Recorder, record_steps
 
-__all__ = ["pour"]
+__all__ = ["check", "pour"]
 
 FIRST_PLACES = 64
+
+
+def check(experiment: Experiment) -> None:
+    """Raise what :func:`pour` would raise, without pouring."""
+    lattice_of(experiment)
 
 
 def pour(experiment: Experiment, progress: Callable[[float], object] | None = None) -> xr.Dataset:

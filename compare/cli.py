@@ -35,6 +35,7 @@ POUR: dict[str, Callable[..., xr.Dataset]] = {
     "ca_model": ca_model.pour,
     "continuum": continuum.pour,
 }
+CHECK = {"ca_model": ca_model.check, "continuum": continuum.check}
 
 path_type = click.Path(path_type=Path)
 force_option = click.option("--force", is_flag=True, help="Replace files that are there already.")
@@ -86,11 +87,13 @@ def pour(
     """
     experiment = load(setup, settings)
     folder = folder or Path("pours") / Path(setup).stem
-    models = list(POUR) if model == "both" else [model]
+    models = _applicable(experiment, list(POUR) if model == "both" else [model])
     paths = {name: folder / f"{name}.nc" for name in models}
     refuse_existing(paths.values(), force=force)
-    for name, archive in _pour_each(experiment, models):
-        _say(f"{name}: wrote {write(archive, paths[name], force=force)}")
+    for name, path in paths.items():
+        with _progress(name) as progress:
+            archive = POUR[name](experiment, progress)
+        _say(f"{name}: wrote {write(archive, path, force=force)}")
 
 
 @cli.command()
@@ -154,20 +157,19 @@ def _fail(reason: str) -> None:
     sys.exit(BAD_INPUT)
 
 
-def _pour_each(experiment: Experiment, models: list[str]) -> Iterator[tuple[str, xr.Dataset]]:
-    """Pour in each model that can; where several were asked for, one that cannot says why."""
-    refused = 0
+def _applicable(experiment: Experiment, models: list[str]) -> list[str]:
+    """Which of the models can pour; the others say why, and if none can, that is an error."""
+    able: list[str] = []
     for name in models:
         try:
-            with _progress(name) as progress:
-                archive = POUR[name](experiment, progress)
+            CHECK[name](experiment)
         except NotApplicableError as refusal:
-            refused += 1
-            if refused == len(models):
+            if not able and name == models[-1]:
                 raise
             _say(f"{name}: does not apply: {refusal}")
         else:
-            yield name, archive
+            able.append(name)
+    return able
 
 
 def _read_all(folder: Path) -> list[xr.Dataset]:

@@ -16,7 +16,7 @@ from experiment.arrays import Floats
 from experiment.fields import Part
 from experiment.recorder import Recorder, record_steps
 
-__all__ = ["Resolution", "pour"]
+__all__ = ["Resolution", "check", "pour"]
 
 
 FIRST_BINS = 64
@@ -36,6 +36,12 @@ class Resolution(Part):
             dt=dx / max(experiment.mixture.drift_velocity),
             dz=experiment.mixture.surface_depth / self.bins_per_depth,
         )
+
+
+def check(experiment: Experiment) -> None:
+    """Raise what :func:`pour` would raise, without pouring."""
+    law_of(experiment.mixture)
+    Resolution.parse(experiment.continuum, "continuum")
 
 
 def pour(experiment: Experiment, progress: Callable[[float], object] | None = None) -> xr.Dataset:

@@ -1,4 +1,4 @@
-"""The lattice rule: the kernel lays the reference's grains, conserves them, and maps to cm and s."""
+"""The lattice: the kernel lays the reference's grains, conserves them, and maps to cm and s."""
 
 import numpy as np
 import pytest

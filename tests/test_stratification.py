@@ -3,6 +3,7 @@
 The continuum's numbers are those of DESIGN's prototype (section 6), each within 3 %.
 """
 
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -85,11 +86,7 @@ def test_small_grains_lie_under_large_ones_in_each_pair_of_layers(poured: Poured
         falls = [
             k for k in np.flatnonzero(drop > 0.7) if drop[k] == drop[max(0, k - 20) : k + 20].max()
         ]
-        pairs = [
-            profile[a + 6 : b]
-            for a, b in zip(falls[:-1], falls[1:], strict=True)
-            if b - a > period / 2
-        ]
+        pairs = [profile[a + 6 : b] for a, b in itertools.pairwise(falls) if b - a > period / 2]
         assert len(pairs) >= 4
         for pair in pairs:
             third = len(pair) // 3

@@ -1,0 +1,60 @@
+"""The house: who may import whom, how fast it opens, and nothing compiled on the way in."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+MAY_IMPORT = {
+    "experiment": {"experiment"},
+    "ca_model": {"experiment", "ca_model"},
+    "continuum": {"experiment", "continuum"},
+    "compare": {"experiment", "compare"},
+}
+PACKAGES = set(MAY_IMPORT)
+
+
+def imported_packages(file: Path) -> set[str]:
+    found = set()
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            found.add((node.module or "").split(".")[0])
+    return found & PACKAGES
+
+
+@pytest.mark.parametrize("package", sorted(PACKAGES))
+def test_imports_run_one_way(package: str) -> None:
+    """Measurements see archives only; of `compare`, the command line alone runs the models."""
+    for file in (ROOT / package).rglob("*.py"):
+        allowed = PACKAGES if file.name == "cli.py" else MAY_IMPORT[package]
+        assert imported_packages(file) <= allowed, file
+
+
+@pytest.mark.parametrize("package", sorted(PACKAGES))
+def test_every_public_name_is_there(package: str) -> None:
+    module = __import__(package)
+    assert module.__all__ == sorted(module.__all__)
+    assert all(hasattr(module, name) for name in module.__all__)
+
+
+def test_nothing_is_compiled_or_drawn_at_import() -> None:
+    script = (
+        "import sys, ca_model, continuum, compare\n"
+        "import ca_model.kernel, continuum.kernel\n"
+        "assert not continuum.kernel.advance.signatures\n"
+        "assert not ca_model.kernel.advance.signatures\n"
+        "assert 'matplotlib.pyplot' not in sys.modules\n"
+    )
+    subprocess.run([sys.executable, "-c", script], check=True, cwd="/")
+
+
+def test_kernels_release_the_interpreter_and_are_cached_on_disk() -> None:
+    for package in ("ca_model", "continuum"):
+        source = (ROOT / package / "kernel.py").read_text()
+        assert "@njit(cache=True, nogil=True)\ndef advance" in source
+        assert "fastmath" not in source

@@ -1,0 +1,186 @@
+"""The instrument, on kymographs and deposits whose answers are known."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from compare import compare, cycle_period, draw, fronts, kinks, layers, measure, segregation
+from compare.kymograph import mean_velocity
+from compare.regimes import regime
+from compare.table import as_records, table, with_error
+from experiment import load
+from experiment.archive import assemble
+
+LENGTH, COLUMNS, PERIOD, INFLOW = 100.0, 100, 100.0, 1.0
+
+
+def archive_of(
+    rolling: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    coarse: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    noise: float = 0.0,
+) -> xr.Dataset:
+    """An archive with rolling thickness R(t, x) and deposit coarseness c(z above base, x)."""
+    time, x = np.arange(0.0, 1001.0, 2.0), np.arange(COLUMNS) + 0.5
+    z = np.arange(0.05, 60.0, 0.1)
+    base = 0.5 * (LENGTH - x)
+    height = base + 0.01 * time[:, None]
+    above = z[:, None] - base
+    large = np.where((above > 0) & (z[:, None] < height[-1]), coarse(above, x), np.nan)
+    random = np.random.default_rng(3)
+    flow = rolling(time[:, None], x) + noise * random.standard_normal((len(time), COLUMNS))
+    zeros = np.zeros((len(time), 2))
+    experiment = load("makse-stratification", ["pour.duration=1000.0"])
+    arrays = {
+        "time": time,
+        "x": x,
+        "z": z,
+        "height": height,
+        "base_height": base,
+        "rolling_thickness": np.stack([flow / 2, flow / 2], axis=-1),
+        "surface_fraction": np.full((len(time), COLUMNS, 2), 0.5),
+        "deposit_fraction": np.stack([1 - large, large], axis=-1),
+        "poured_volume": zeros,
+        "rolling_volume": zeros,
+        "deposited_volume": zeros,
+    }
+    return assemble(experiment, "continuum", arrays, {})
+
+
+def wedges(front: float, kink: float) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Flow behind a front going down and before a kink coming up, once a period."""
+
+    def rolling(time: np.ndarray, x: np.ndarray) -> np.ndarray:
+        phase = time % PERIOD
+        arrives = x / front
+        stops = LENGTH / front + (LENGTH - x) / kink
+        return INFLOW * ((phase > arrives) & (phase < stops))
+
+    return rolling
+
+
+def stripes(wavelength: float, share: float = 0.5):
+    return lambda above, x: ((above + 0.02 * x) % wavelength > share * wavelength).astype(float)
+
+
+def calm(time: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return INFLOW * (1 - x / LENGTH) + 0 * time
+
+
+@pytest.mark.parametrize(("front", "kink"), [(4.0, 2.0), (2.5, 4.0), (3.0, 3.0)])
+@pytest.mark.parametrize("noise", [0.0, 0.2])
+def test_fronts_and_kinks_of_known_velocity_are_found(front, kink, noise) -> None:
+    """Within 2 % and their own errors, none missed or invented, up to noise of 20 % of R0."""
+    archive = archive_of(wedges(front, kink), stripes(1.0), noise)
+    up, down = kinks(archive), fronts(archive)
+    assert up.sizes["event"] in (6, 7)
+    assert down.sizes["event"] in (6, 7)
+    for lines, velocity in ((up, -kink), (down, front)):
+        assert mean_velocity(lines)[0] == pytest.approx(velocity, rel=0.02)
+        assert (np.abs(lines["velocity"] - velocity) < 5 * lines["velocity_error"]).all()
+        assert (lines["velocity_error"] < 0.05 * abs(velocity)).all()
+    assert cycle_period(up)[0] == pytest.approx(PERIOD, rel=0.01)
+
+
+def test_a_calm_flow_has_no_lines() -> None:
+    archive = archive_of(calm, lambda above, x: (x > 50) + 0 * above, noise=0.05)
+    assert kinks(archive).sizes["event"] == fronts(archive).sizes["event"] == 0
+    assert np.isnan(cycle_period(kinks(archive))).all()
+
+
+@pytest.mark.parametrize("wavelength", [0.7, 1.0, 1.6])
+@pytest.mark.parametrize("share", [0.3, 0.5])
+def test_the_wavelength_of_stripes_is_found(wavelength: float, share: float) -> None:
+    found = layers(archive_of(calm, stripes(wavelength, share)))
+    assert float(found["wavelength"]) == pytest.approx(wavelength, rel=0.02)
+    assert float(found["wavelength_spread"]) < 0.03 * wavelength
+    assert float(found["wavelength_normal"]) == pytest.approx(
+        wavelength / np.hypot(1, 0.5), rel=0.02
+    )
+
+
+def test_equal_layers_of_pure_grains_have_strength_one_and_noise_has_none() -> None:
+    pure = layers(archive_of(calm, stripes(1.0)))
+    assert float(pure["layering"]) == pytest.approx(1.0, abs=0.05)
+    random = np.random.default_rng(0)
+    noise = layers(archive_of(calm, lambda above, x: random.uniform(size=above.shape) + 0 * x))
+    assert float(noise["layering"]) < 0.15
+
+
+def test_two_unlike_pairs_a_cycle_are_one_wavelength() -> None:
+    def double(above: np.ndarray, x: np.ndarray) -> np.ndarray:
+        phase = (above + 0 * x) % 1.6
+        return ((phase > 0.2) & (phase < 0.8) | (phase > 1.4)).astype(float)
+
+    assert float(layers(archive_of(calm, double))["wavelength"]) == pytest.approx(1.6, rel=0.02)
+
+
+def test_segregation_is_one_for_species_apart_and_zero_for_stripes() -> None:
+    apart = archive_of(calm, lambda above, x: (x > 50) + 0 * above)
+    assert segregation(apart) == pytest.approx(1.0)
+    assert segregation(archive_of(calm, stripes(0.73))) < 0.1
+    assert measure(apart)["regime"].item() == "segregated"
+
+
+@pytest.mark.parametrize(
+    ("layering", "apart", "word"),
+    [(0.9, 0.1, "stratified"), (0.3, 0.9, "segregated"), (0.1, 0.2, "mixed")],
+)
+def test_a_regime_is_named_after_its_order_parameters(layering, apart, word) -> None:
+    assert regime(layering, apart) == word
+
+
+@pytest.fixture(scope="module")
+def comparison(poured: Callable[..., xr.Dataset]) -> xr.Dataset:
+    return compare([poured(model, "glass-sugar") for model in ("ca_model", "continuum")])
+
+
+def test_a_comparison_has_both_models_scaled_and_the_published_values(comparison) -> None:
+    assert comparison["model_name"].values.tolist() == ["ca_model", "continuum"]
+    one = comparison.sel(model_name="continuum")
+    assert one["wavelength_scaled"].item() == pytest.approx(one["wavelength"].item() / 0.25)
+    assert one["kink_velocity_scaled"].item() == pytest.approx(one["kink_velocity"].item() / 10)
+    assert one["cycle_period_scaled"].item() == pytest.approx(one["cycle_period"].item() / 3)
+    assert comparison["published_wavelength"].item() == 1.2
+    assert "flux is not stated" in comparison.attrs["comment"]
+    for name in comparison.data_vars:
+        assert comparison[name].attrs["long_name"]
+
+
+def test_a_comparison_prints_as_a_table_and_as_plain_numbers(comparison) -> None:
+    rows = table([comparison]).columns[0]
+    assert "wavelength, vertical (cm)" in list(rows.cells)
+    record = as_records(comparison)["ca_model"]
+    assert record["regime"] == "stratified"
+    assert isinstance(record["wavelength"], float)
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "text"),
+    [
+        (3.0213, 0.0123, "3.021 ± 0.012"),
+        (854.2, 4.7, "854.2 ± 4.7"),
+        (1.0, 1e-15, "1.0000 ± 0.0000"),
+        (2.5, float("nan"), "2.5"),
+        (float("nan"), 1.0, "-"),
+    ],
+)
+def test_numbers_have_the_digits_that_their_error_warrants(value, error, text) -> None:
+    assert with_error(value, error) == text
+
+
+def test_a_picture_shows_every_archive_and_its_lines(poured) -> None:
+    archives = [poured(model, "glass-sugar") for model in ("ca_model", "continuum")]
+    figure = draw(archives)
+    titles = {axes.get_title() for axes in figure.axes} - {""}
+    assert titles == {
+        f"{model}: {what}"
+        for model in ("lattice", "continuum")
+        for what in ("deposit", "rolling grains")
+    }
+    kymograph = next(
+        axes for axes in figure.axes if axes.get_title() == "continuum: rolling grains"
+    )
+    events = kinks(archives[1]).sizes["event"] + fronts(archives[1]).sizes["event"]
+    assert len(kymograph.lines) == events + 1
