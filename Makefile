@@ -27,7 +27,7 @@ bench: .venv/.test .venv/.kernels
 
 # The README's picture, from the archives of `make run`.
 picture: run
-	@cp pours/makse-stratification/comparison.png docs/stratification.png
+	@cp pours/glass-sugar/comparison.png docs/glass-sugar.png
 
 .venv/.run: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ca_model.lattice import Rule
 from experiment.arrays import Ints
 
-__all__ = ["Pile", "advance", "grains_at_rest", "surface_species"]
+__all__ = ["Pile", "advance", "grains_at_rest"]
 
 
 class Pile(NamedTuple):
@@ -53,13 +53,6 @@ def grains_at_rest(pile: Pile) -> Ints:
         for k in range(pile.grains[i]):
             counts[pile.stack[i, k]] += 1
     return counts
-
-
-@njit(cache=True)
-def surface_species(pile: Pile, i: int) -> int:
-    """The species of the topmost grain of column i."""
-    count = pile.grains[i]
-    return pile.stack[i, count - 1] if count > 0 else pile.base_species
 
 
 @njit(cache=True)
@@ -108,7 +101,14 @@ def _capture_at_wall(pile: Pile, rule: Rule) -> None:
 @njit(cache=True)
 def _is_captured(pile: Pile, rule: Rule, i: int, a: int) -> bool:
     slope = pile.height[i] - pile.height[i + 1]
-    return slope < rule.threshold[a, surface_species(pile, i)]
+    return slope < rule.threshold[a, _surface_species(pile, i)]
+
+
+@njit(cache=True)
+def _surface_species(pile: Pile, i: int) -> int:
+    """The species of the topmost grain of column i."""
+    count = pile.grains[i]
+    return pile.stack[i, count - 1] if count > 0 else pile.base_species
 
 
 @njit(cache=True)

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from ca_model.arrivals import Arrivals
-from ca_model.kernel import Pile, advance, grains_at_rest, surface_species
+from ca_model.kernel import Pile, advance, grains_at_rest
 from ca_model.lattice import Lattice, Settings, lattice_of
 from experiment import Experiment
 from experiment.archive import assemble
@@ -88,14 +88,14 @@ def _record(
     step: int,
     poured: Ints,
 ) -> None:
-    columns, species = pile.rolling.shape
-    tops = [surface_species(pile, i) for i in range(columns)]
+    topmost = pile.stack[np.arange(len(pile.grains)), pile.grains - 1]
+    tops = np.where(pile.grains > 0, topmost, pile.base_species)
     recorder.keep(
         record,
         time=step * lattice.step,
         height=pile.height * lattice.unit,
         rolling_thickness=pile.rolling * lattice.grain_thickness,
-        surface_fraction=np.eye(species)[tops],
+        surface_fraction=np.eye(len(poured))[tops],
         poured_volume=poured * lattice.grain_volume,
         rolling_volume=pile.rolling.sum(axis=0) * lattice.grain_volume,
         deposited_volume=grains_at_rest(pile) * lattice.grain_volume,

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -16,11 +16,14 @@ from experiment.errors import ArchiveError
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
 __all__ = ["draw", "draw_deposit", "draw_kymograph", "save"]
 
-KINK_COLOUR = "#d55e00"
-FRONT_COLOUR = "#56b4e9"
+KINK: dict[str, Any] = {"color": "#d55e00", "linewidth": 1.6}
+FRONT: dict[str, Any] = {"color": "#0072b2", "linewidth": 1.6}
+SETTLED: dict[str, Any] = {"color": "0.4", "linestyle": ":"}
+PALE = 1.8  # how far the grey scale reaches beyond the flow, so that lines stand out on it
 MODEL_NAMES = {"ca_model": "lattice", "continuum": "continuum"}
 
 
@@ -36,6 +39,7 @@ def draw(archives: Sequence[xr.Dataset]) -> "Figure":
             draw_deposit(column[0], archive)
             draw_kymograph(column[1], archive)
         figure.suptitle(archives[0].attrs["title"])
+        figure.legend(handles=_line_styles(), loc="outside lower center", ncols=3)
     return figure
 
 
@@ -66,25 +70,27 @@ def draw_kymograph(axes: "Axes", archive: xr.Dataset) -> None:
         extent=(0, cell_length(archive), time[0], time[-1]),
         cmap="Greys",
         vmin=0,
-        vmax=float(np.quantile(thickness, 0.995)),
+        vmax=PALE * float(np.quantile(thickness, 0.995)),
         rasterized=True,
     )
-    for lines, colour, label in (
-        (fronts(archive), FRONT_COLOUR, "front"),
-        (kinks(archive), KINK_COLOUR, "kink"),
-    ):
-        for k in range(lines.sizes["event"]):
-            axes.plot(
-                lines["x"], lines["passage"][k], color=colour, label=label if k == 0 else None
-            )
-    axes.axhline(settled_since(archive), color="0.5", linestyle=":", label="settled from here")
+    for lines, style in ((fronts(archive), FRONT), (kinks(archive), KINK)):
+        for passage in lines["passage"]:
+            axes.plot(lines["x"], passage, **style)
+    axes.axhline(settled_since(archive), **SETTLED)
     axes.set(
         xlabel="x (cm)",
         ylabel="t (s)",
         title=f"{MODEL_NAMES[archive.attrs['model']]}: rolling grains",
     )
-    axes.legend(loc="upper right", framealpha=0.9, frameon=True)
     axes.figure.colorbar(image, ax=axes, label="R (cm)")
+
+
+def _line_styles() -> list["Line2D"]:
+    """Legend of the lines in the kymographs."""
+    from matplotlib.lines import Line2D
+
+    named = {"avalanche front": FRONT, "kink": KINK, "measured from here on": SETTLED}
+    return [Line2D([], [], label=label, **style) for label, style in named.items()]
 
 
 def save(figure: "Figure", path: Path, *, force: bool = False) -> Path:

@@ -1,0 +1,1 @@
+"""What the pours cost; run with `make bench`."""
