@@ -9,10 +9,10 @@ By default u is the smallest diameter and w = 10 u. A lattice slope s is an inte
 s < ceil(s_ab): thresholds between the same integers act alike.
 """
 
-from typing import Annotated, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
-from pydantic import Field
+from pydantic import field_validator
 
 from experiment import Experiment, NotApplicableError, SetupError
 from experiment.arrays import Floats, Ints
@@ -23,6 +23,7 @@ __all__ = ["Lattice", "Rule", "Settings", "lattice_of"]
 
 ROUND_OFF = 1e-9
 MANY = 2**62
+MOST_COLUMNS = 10_000_000
 
 
 class Settings(Part):
@@ -30,9 +31,18 @@ class Settings(Part):
 
     unit: Positive | None = None  # u, cm; default: the smallest diameter
     column_width: Positive | None = None  # w, cm; default: 10 u
-    contacts: Annotated[int, Field(strict=True, ge=1)] | Literal["all"] = "all"
+    contacts: int | Literal["all"] = "all"
     percolation: bool = True
     arrivals: Literal["fixed", "poisson", "drawn"] = "fixed"
+
+    @field_validator("contacts", mode="before")
+    @classmethod
+    def _check_contacts(cls, given: object) -> object:
+        if given == "all":
+            return given
+        if isinstance(given, int) and not isinstance(given, bool) and 1 <= given <= MANY:
+            return given
+        raise ValueError("it should be a whole number from 1 up, or 'all'")
 
 
 class Rule(NamedTuple):
@@ -88,15 +98,20 @@ def lattice_of(experiment: Experiment) -> Lattice:
         )
     unit = settings.unit or min(mixture.grain_diameter)
     width = settings.column_width or 10 * unit
+    if unit > min(mixture.grain_diameter):
+        raise SetupError(f"ca_model.unit = {unit:g}: it should not exceed the smallest diameter")
     columns = round(experiment.cell.length / width)
-    if columns < 3:
+    if not 3 <= columns <= MOST_COLUMNS:
         raise SetupError(
             f"ca_model.column_width = {width:g}: it should fit into cell.length = "
-            f"{experiment.cell.length:g} at least 3 times"
+            f"{experiment.cell.length:g} from 3 to {MOST_COLUMNS} times"
+        )
+    if max(experiment.start_composition) < 1:
+        start = list(experiment.start_composition)
+        raise NotApplicableError(
+            f"cell.start_composition = {start}: a lattice surface is of one species"
         )
     heights = np.rint(np.array(mixture.grain_diameter) / unit).astype(np.int64)
-    if heights.min() < 1:
-        raise SetupError(f"ca_model.unit = {unit:g}: it should not exceed the smallest diameter")
     slopes = np.array(mixture.repose_slope) * width / unit
     rule = Rule(
         grain_height=heights,
@@ -105,12 +120,13 @@ def lattice_of(experiment: Experiment) -> Lattice:
         contacts=MANY if settings.contacts == "all" else settings.contacts,
         percolation=settings.percolation,
     )
+    cell = experiment.cell.model_copy(update={"length": columns * width})
     x = (np.arange(columns) + 0.5) * width
     return Lattice(
         rule=rule,
-        base=np.rint(experiment.cell.base_height(x) / unit).astype(np.int64),
+        base=np.rint(cell.base_height(x) / unit).astype(np.int64),
         base_species=int(np.argmax(experiment.start_composition)),
-        grains_per_step=np.array(experiment.feed.inflow) / (heights * unit),
+        grains_per_step=experiment.feed.mean_inflow / (heights * unit),
         unit=unit,
         column_width=width,
         step=width / velocity,

@@ -11,7 +11,7 @@ from ca_model.lattice import Lattice, Settings, lattice_of
 from experiment import Experiment
 from experiment.archive import assemble
 from experiment.arrays import Floats, Ints
-from experiment.recorder import Recorder, record_steps
+from experiment.recorder import Recorder, record_steps, times_of_steps
 
 __all__ = ["check", "pour"]
 
@@ -20,7 +20,7 @@ FIRST_PLACES = 64
 
 def check(experiment: Experiment) -> None:
     """Raise what :func:`pour` would raise, without pouring."""
-    lattice_of(experiment)
+    record_steps(experiment.pour, lattice_of(experiment).step)
 
 
 def pour(experiment: Experiment, progress: Callable[[float], object] | None = None) -> xr.Dataset:
@@ -40,8 +40,7 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     poured = np.zeros(species, dtype=np.int64)
     done = 0
     for record, step in enumerate(steps):
-        if step > done:
-            times = (np.arange(done, step) + 0.5) * lattice.step
+        for times in times_of_steps(done, step, lattice.step):
             grains = arrivals.take(experiment.feed.thickness(times) / lattice.grain_thickness)
             pile = _advance_all(pile, lattice, grains)
             poured += grains.sum(axis=0)
@@ -105,7 +104,7 @@ def _record(
 def _deposit_fraction(pile: Pile, lattice: Lattice) -> tuple[Floats, Floats]:
     """Composition of what was poured, (z, x, species), one cell for each unit of height."""
     columns, species = pile.rolling.shape
-    fraction = np.full((int(pile.height.max()), columns, species), np.nan)
+    fraction = np.full((max(2, int(pile.height.max())), columns, species), np.nan)
     one_of = np.eye(species)
     for i in range(columns):
         grains = pile.stack[i, : pile.grains[i]]

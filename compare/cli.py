@@ -26,7 +26,8 @@ from experiment import (
     preset_names,
     preset_text,
 )
-from experiment.archive import read, refuse_existing, write, write_whole
+from experiment.archive import read, write, write_whole
+from experiment.files import make_folder, refuse_existing
 
 __all__ = ["cli", "main"]
 
@@ -90,6 +91,7 @@ def pour(
     models = _applicable(experiment, list(POUR) if model == "both" else [model])
     paths = {name: folder / f"{name}.nc" for name in models}
     refuse_existing(paths.values(), force=force)
+    make_folder(folder)
     for name, path in paths.items():
         with _progress(name) as progress:
             archive = POUR[name](experiment, progress)
@@ -111,9 +113,10 @@ def compare(folders: tuple[Path, ...], as_json: bool, force: bool) -> None:
     refuse_existing(outputs, force=force)
     archives = [_read_all(folder) for folder in folders]
     comparisons = [compare_archives(models) for models in archives]
-    for folder, models, comparison in zip(folders, archives, comparisons, strict=True):
+    pictures = [draw(models) for models in archives]
+    for folder, comparison, picture in zip(folders, comparisons, pictures, strict=True):
         write_whole(comparison, folder / "comparison.nc", force=force)
-        save(draw(models), folder / "comparison.png", force=force)
+        save(picture, folder / "comparison.png", force=force)
     if as_json:
         records = {str(f): as_records(c) for f, c in zip(folders, comparisons, strict=True)}
         click.echo(json.dumps(records, indent=2))
@@ -135,9 +138,10 @@ def show(file: Path, output: Path | None, force: bool) -> None:
 
     Example: stratify show pours/glass-sugar/continuum.nc -o picture.png
     """
+    archive = read(file)
     picture = output or file.with_suffix(".png")
     refuse_existing([picture], force=force)
-    _say(f"wrote {save(draw([read(file)]), picture, force=force)}")
+    _say(f"wrote {save(draw([archive]), picture, force=force)}")
 
 
 def main() -> None:
@@ -146,10 +150,15 @@ def main() -> None:
         cli.main(standalone_mode=False)
     except StratifyError as error:
         _fail(str(error))
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message())
+        sys.exit(BAD_INPUT)
     except click.ClickException as error:
         _fail(error.format_message())
+    except MemoryError as error:
+        _fail(f"this takes more memory than there is: {error}")
     except (click.Abort, KeyboardInterrupt):
-        _fail("stopped; nothing of this pour was written")
+        _fail("stopped; what was not yet written under its name is lost")
 
 
 def _fail(reason: str) -> None:

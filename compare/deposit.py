@@ -15,7 +15,7 @@ import scipy
 import xarray as xr
 from numpy.typing import NDArray
 
-from compare.quantities import coarseness, measured_columns, settled_since
+from compare.quantities import cell_height, coarseness, measured_columns, settled_since
 from experiment.arrays import Floats
 
 __all__ = ["layers", "settled_profiles"]
@@ -36,13 +36,13 @@ def layers(archive: xr.Dataset) -> xr.Dataset:
     columns = np.flatnonzero(measured_columns(archive))
     settled = settled_profiles(archive)
     profiles = [settled[i] for i in columns]
-    dz = float(archive["z"][1] - archive["z"][0])
+    dz = cell_height(archive)
     longest = min(len(profile) for profile in profiles) * 2 // 3
     single = np.array([_autocorrelation(profile, longest) for profile in profiles])
-    peak, strength = _repeat(single.mean(axis=0)) if longest > 2 else (np.nan, 0.0)
+    peak, strength = _repeat(single.mean(axis=0))
     at = np.array([_nearest_peak(one, peak) for one in single]) * dz
     spread = float(np.nanstd(at)) if np.isfinite(at).any() else np.nan
-    repeats = np.mean([len(profile) for profile in profiles]) / peak
+    repeats = longest * 3 / 2 / peak
     slope = _mean_slope(archive, columns)
 
     def cm(value: float, long_name: str) -> tuple[tuple[()], float, dict[str, str]]:
@@ -78,6 +78,8 @@ def settled_profiles(archive: xr.Dataset) -> list[Floats]:
 
 def _autocorrelation(profile: Floats, longest: int) -> Floats:
     """A of one column at lags 0, 1, ... below `longest`."""
+    if not longest:
+        return np.zeros(0)
     varying = profile - profile.mean()
     n = len(varying)
     product = scipy.signal.correlate(varying, varying, mode="full")[n - 1 : n - 1 + longest]
@@ -117,7 +119,9 @@ def _nearest_peak(correlation: Floats, lag: float) -> float:
 
 
 def _mean_slope(archive: xr.Dataset, columns: NDArray[np.intp]) -> float:
-    """Slope of the final surface, averaged over the measured columns."""
+    """Slope of the final surface, averaged over the measured columns; NaN for less than two."""
+    if len(columns) < 2:
+        return np.nan
     height = archive["height"].values[-1, columns]
     x = archive["x"].values[columns]
     return float(-(height[-1] - height[0]) / (x[-1] - x[0]))

@@ -10,8 +10,8 @@ import xarray as xr
 
 from compare.kymograph import fronts, kinks
 from compare.quantities import cell_length, coarseness, settled_since
-from experiment.archive import refuse_existing
 from experiment.errors import ArchiveError
+from experiment.files import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -95,13 +95,9 @@ def _line_styles() -> list["Line2D"]:
 
 def save(figure: "Figure", path: Path, *, force: bool = False) -> Path:
     """Write a picture whole or not at all, in the format that the name tells."""
-    refuse_existing([path], force=force)
-    part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
-        figure.savefig(part)
-        part.replace(path)
-    except (OSError, ValueError) as error:
-        part.unlink(missing_ok=True)
-        reason = getattr(error, "strerror", None) or error
-        raise ArchiveError(f"{str(path)!r} cannot be written: {reason}") from None
+        with whole_file(path, force=force) as part:
+            figure.savefig(part)
+    except ValueError as error:
+        raise ArchiveError(f"{str(path)!r} cannot be written: {error}") from None
     return path

@@ -19,6 +19,7 @@ __all__ = ["cycle_period", "fronts", "kinks", "mean_velocity"]
 ON, OFF = 0.3, 0.15  # of R0
 SMOOTHED = 5  # records and columns over which R is averaged
 WHOLE_LINE = 0.75  # of the measured columns
+FEWEST_COLUMNS = 3  # that make a line
 EFFICIENCY = np.sqrt(np.pi / 2)  # standard error of a median, over that of a mean
 
 
@@ -66,12 +67,12 @@ def _lines(archive: xr.Dataset, *, rising: bool) -> xr.Dataset:
     x = archive["x"].values[columns]
     times = _passages(archive, rising=rising)
     sampling = float(np.median(np.diff(archive["time"].values))) / np.sqrt(12.0)
-    lines = [line for line in _link(times) if np.isfinite(line).sum() >= WHOLE_LINE * len(x)]
+    enough = max(WHOLE_LINE * len(x), FEWEST_COLUMNS)
+    lines = [line for line in _link(times) if np.isfinite(line).sum() >= enough]
     passages = np.array(lines).reshape(len(lines), len(x))
     fits = np.array([_velocity(x, line, sampling) for line in passages]).reshape(len(lines), 3)
-    downhill = fits[:, 0] > 0
-    settled = fits[:, 2] > settled_since(archive)
-    kept = (downhill == rising) & settled
+    velocity, middle = fits[:, 0], fits[:, 2]
+    kept = (velocity > 0 if rising else velocity < 0) & (middle > settled_since(archive))
     order = np.argsort(fits[kept, 2])
     passages, fits = passages[kept][order], fits[kept][order]
     return xr.Dataset(
@@ -146,6 +147,8 @@ def _velocity(x: Floats, line: Floats, sampling: float) -> tuple[float, float, f
     fit = scipy.stats.theilslopes(when, at)
     scatter = 1.4826 * np.median(np.abs(when - fit.slope * at - fit.intercept))
     slope_error = np.hypot(scatter, sampling) / np.sqrt(((at - at.mean()) ** 2).sum())
-    slope = float(fit.slope) or np.finfo(float).tiny
     middle = float(fit.intercept + fit.slope * x[len(x) // 2])
+    slope = float(fit.slope)
+    if slope == 0.0:
+        return np.nan, np.nan, middle
     return 1.0 / slope, float(slope_error / slope**2), middle

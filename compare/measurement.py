@@ -14,6 +14,7 @@ from compare.deposit import layers
 from compare.kymograph import cycle_period, fronts, kinks, mean_velocity
 from compare.quantities import cell_length, flux, rise_velocity, total_inflow, velocity
 from compare.regimes import regime, segregation
+from experiment import ArchiveError
 from experiment.archive import experiment_of
 
 __all__ = ["compare", "measure"]
@@ -88,8 +89,10 @@ def measure(archive: xr.Dataset) -> xr.Dataset:
 def compare(archives: Sequence[xr.Dataset]) -> xr.Dataset:
     """Both models' numbers over a dimension `model`, and what was published for the mixture.
 
-    A model is chosen by name, as in `comparison.sel(model_name="continuum")`.
+    A model is chosen by name, as in `comparison.sel(model_name="continuum")`. Raises
+    :class:`ArchiveError` where the archives are of different pours.
     """
+    _refuse_unlike(archives)
     measured = xr.concat([measure(archive) for archive in archives], "model")
     measured = measured.assign_coords(
         model_name=("model", [archive.attrs["model"] for archive in archives])
@@ -120,3 +123,12 @@ def compare(archives: Sequence[xr.Dataset]) -> xr.Dataset:
     if comments:
         notes["comment"] = "\n".join(comments)
     return measured.assign_attrs(notes)
+
+
+def _refuse_unlike(archives: Sequence[xr.Dataset]) -> None:
+    """Only pours of one set-up can be set side by side; the models' own tables may differ."""
+    first, *others = (experiment_of(archive) for archive in archives)
+    for other in others:
+        for part in ("mixture", "cell", "feed", "pour"):
+            if getattr(other, part) != getattr(first, part):
+                raise ArchiveError(f"archives of different pours: their {part} is not the same")

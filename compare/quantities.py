@@ -5,6 +5,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 __all__ = [
+    "cell_height",
+    "cell_length",
     "coarseness",
     "flux",
     "measured_columns",
@@ -37,6 +39,12 @@ def cell_length(archive: xr.Dataset) -> float:
     """L [cm], from the evenly spaced cells or columns."""
     x = archive["x"].values
     return float(len(x) * (x[1] - x[0]))
+
+
+def cell_height(archive: xr.Dataset) -> float:
+    """Height [cm] of the evenly spaced cells of the deposit."""
+    z = archive["z"].values
+    return float(z[1] - z[0])
 
 
 def rise_velocity(archive: xr.Dataset) -> float:

@@ -24,6 +24,8 @@ def segregation(archive: xr.Dataset) -> float:
     """How far the species lie apart along x in the settled part of the deposit, from 0 to 1."""
     profiles = settled_profiles(archive)
     means = np.array([profile.mean() for profile in profiles if len(profile)])
+    if not len(means):
+        return 0.0
     overall = means.mean()
     largest = np.sqrt(overall * (1.0 - overall))
     return float(means.std() / largest) if largest > 0 else 0.0

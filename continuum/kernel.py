@@ -41,7 +41,7 @@ from continuum.law import (
 )
 from experiment.arrays import Floats, Ints
 
-__all__ = ["Flow", "Grid", "advance", "find_composition"]
+__all__ = ["Flow", "Grid", "advance", "find_composition", "substeps_at"]
 
 
 COURANT = 0.25
@@ -79,9 +79,9 @@ def advance(flow: Flow, law: Law, grid: Grid, velocity: Floats, inflow: Floats) 
     slope = np.empty(flow.height.size)
     most = 0
     for step in range(inflow.shape[0]):
-        if _deposit_is_nearly_full(flow, grid):
+        if _deposit_is_nearly_full(flow, grid, inflow[step]):
             return step, most
-        _advect(flow.rolling, velocity, grid, inflow[step])
+        _advect(flow.rolling, velocity, inflow[step])
         substeps = _count_substeps(flow.rolling, law, grid)
         most = max(most, substeps)
         for k in range(substeps):
@@ -110,10 +110,10 @@ def find_composition(phi: Floats, surface: Floats, rigid_fraction: Floats, depth
 
 
 @njit(cache=True, error_model="numpy")
-def _advect(rolling: Floats, velocity: Floats, grid: Grid, inflow: Floats) -> None:
+def _advect(rolling: Floats, velocity: Floats, inflow: Floats) -> None:
     species, cells = rolling.shape
     for a in range(species):
-        nu = velocity[a] * grid.dt / grid.dx
+        nu = velocity[a] / velocity.max()
         if nu == 1.0:
             for i in range(cells - 1, 0, -1):
                 rolling[a, i] = rolling[a, i - 1]
@@ -148,6 +148,13 @@ def _van_leer(behind: float, ahead: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def substeps_at(rate: float, law: Law, grid: Grid) -> int:
+    """Sub-steps that a step needs where gamma R is `rate` [cm/s] at most."""
+    climb = rate * (1.0 + 2.0 * law.curvature_length / grid.dx)
+    return int(min(max(1.0, math.ceil(climb * grid.dt / (COURANT * grid.dx))), 1e15))
+
+
+@njit(cache=True, error_model="numpy")
 def _count_substeps(rolling: Floats, law: Law, grid: Grid) -> int:
     species, cells = rolling.shape
     rate = np.zeros(cells)
@@ -155,8 +162,7 @@ def _count_substeps(rolling: Floats, law: Law, grid: Grid) -> int:
         gamma = law.collision_rate[a].max()
         for i in range(cells):
             rate[i] += gamma * rolling[a, i]
-    climb = rate.max() * (1.0 + 2.0 * law.curvature_length / grid.dx)
-    return max(1, math.ceil(climb * grid.dt / (COURANT * grid.dx)))
+    return substeps_at(rate.max(), law, grid)
 
 
 @njit(cache=True, error_model="numpy")
@@ -245,7 +251,7 @@ def _bury_or_dig_up(flow: Flow, law: Law, grid: Grid) -> None:
     for i in range(cells):
         if held[i] + filled[i] < depth:
             _reopen(flow, i, depth - held[i] - filled[i])
-        elif held[i] + filled[i] > depth + grid.dz - flow.rigid[i]:
+        elif held[i] + filled[i] > depth + _capacity(flow, i, grid.dz):
             _seal(flow, i, grid.dz)
 
 
@@ -259,14 +265,18 @@ def _total(thickness: Floats) -> Floats:
     return total
 
 
+@njit(cache=True, inline="always")
+def _capacity(flow: Flow, i: int, dz: float) -> float:
+    """What the bin that cell i is filling can hold; the lowest one is partly rigid."""
+    return dz - flow.rigid[i] if flow.top[i] == 0 else dz
+
+
 @njit(cache=True, error_model="numpy")
 def _seal(flow: Flow, i: int, dz: float) -> None:
     """Close the bins of cell i that are full, and go on filling the one above them."""
     filled = flow.filling[:, i].sum()
-    while True:
-        capacity = dz - flow.rigid[i] if flow.top[i] == 0 else dz
-        if filled <= capacity:
-            return
+    while filled > _capacity(flow, i, dz):
+        capacity = _capacity(flow, i, dz)
         for a in range(flow.filling.shape[0]):
             sealed = capacity / filled * flow.filling[a, i]
             flow.filling[a, i] -= sealed
@@ -292,13 +302,14 @@ def _reopen(flow: Flow, i: int, wanted: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _deposit_is_nearly_full(flow: Flow, grid: Grid) -> bool:
+def _deposit_is_nearly_full(flow: Flow, grid: Grid, inflow: Floats) -> bool:
     """Whether some cell could outgrow its bins within a step: all that can reach it, captured."""
     species, cells, bins = flow.deposit.shape
     for i in range(cells):
         arriving = 0.0
         for a in range(species):
-            arriving += flow.rolling[a, i] + flow.rolling[a, max(i - 1, 0)]
+            uphill = flow.rolling[a, i - 1] if i > 0 else inflow[a]
+            arriving += flow.rolling[a, i] + uphill
         if flow.top[i] + 2 + arriving / grid.dz >= bins:
             return True
     return False

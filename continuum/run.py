@@ -8,18 +8,19 @@ import numpy as np
 import xarray as xr
 from pydantic import Field
 
-from continuum.kernel import Flow, Grid, advance, find_composition
+from continuum.kernel import Flow, Grid, advance, find_composition, substeps_at
 from continuum.law import Law, law_of
-from experiment import Experiment
+from experiment import Experiment, SetupError
 from experiment.archive import assemble
 from experiment.arrays import Floats
 from experiment.fields import Part
-from experiment.recorder import Recorder, record_steps
+from experiment.recorder import Recorder, record_steps, times_of_steps
 
 __all__ = ["Resolution", "check", "pour"]
 
 
 FIRST_BINS = 64
+MOST_SUBSTEPS = 100_000
 
 
 class Resolution(Part):
@@ -40,8 +41,16 @@ class Resolution(Part):
 
 def check(experiment: Experiment) -> None:
     """Raise what :func:`pour` would raise, without pouring."""
-    law_of(experiment.mixture)
-    Resolution.parse(experiment.continuum, "continuum")
+    law = law_of(experiment.mixture)
+    grid = Resolution.parse(experiment.continuum, "continuum").grid(experiment)
+    record_steps(experiment.pour, grid.dt)
+    fastest = law.collision_rate.max(axis=1) @ experiment.feed.mean_inflow
+    substeps = substeps_at(float(fastest), law, grid)
+    if substeps > MOST_SUBSTEPS:
+        raise SetupError(
+            f"mixture.collision_rate = {law.collision_rate.tolist()}: with this feed each step of "
+            f"{grid.dt:.2g} s needs {substeps:.2g} sub-steps; at most {MOST_SUBSTEPS} are allowed"
+        )
 
 
 def pour(experiment: Experiment, progress: Callable[[float], object] | None = None) -> xr.Dataset:
@@ -63,11 +72,12 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     most = 0
     done = 0
     for record, step in enumerate(steps):
-        inflow = experiment.feed.thickness((np.arange(done, step) + 0.5) * grid.dt)
-        flow, substeps = _advance_all(flow, law, grid, velocity, inflow)
-        most = max(most, substeps)
+        for times in times_of_steps(done, step, grid.dt):
+            inflow = experiment.feed.thickness(times)
+            flow, substeps = _advance_all(flow, law, grid, velocity, inflow)
+            most = max(most, substeps)
+            poured += inflow.sum(axis=0) * velocity * grid.dt
         done = step
-        poured += inflow.sum(axis=0) * velocity * grid.dt
         _record(recorder, record, step * grid.dt, flow, law, grid, poured)
         if progress is not None:
             progress((record + 1) / len(steps))

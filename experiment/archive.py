@@ -5,9 +5,6 @@ not know; :func:`write` puts it under its final name only once it is complete; :
 whatever is not such a file.
 """
 
-import os
-import tempfile
-from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -17,22 +14,24 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from experiment.errors import ArchiveError, OutputExistsError, StratifyError
+from experiment.errors import ArchiveError, StratifyError
 from experiment.experiment import Experiment
+from experiment.files import whole_file
 from experiment.variables import COORDINATES, VARIABLES, Variable
 
-__all__ = ["assemble", "experiment_of", "read", "refuse_existing", "write", "write_whole"]
+__all__ = ["assemble", "experiment_of", "read", "write", "write_whole"]
 
 CONVENTIONS = "CF-1.11"
 REFERENCES = "H. A. Makse, Phys. Rev. E 56, 7008 (1997), doi:10.1103/PhysRevE.56.7008"
 MODELS = ("ca_model", "continuum")
+ATTRIBUTES = ("Conventions", "title", "source", "history", "references", "model", "experiment")
 
 
 def assemble(
     experiment: Experiment,
     model: str,
-    arrays: Mapping[str, NDArray[Any]],
-    attributes: Mapping[str, Any],
+    arrays: dict[str, NDArray[Any]],
+    attributes: dict[str, Any],
 ) -> xr.Dataset:
     """The archive of one run as a Dataset, from the `arrays` that the model recorded.
 
@@ -40,18 +39,7 @@ def assemble(
     not already tell; `attributes` are the model's own notes on the run. Raises
     :class:`ArchiveError` for a name that is not in the table, a missing one, or a wrong shape.
     """
-    mixture = experiment.mixture
-    known: dict[str, NDArray[Any]] = {
-        "species_name": np.array(mixture.names),
-        "surface_species_name": np.array(mixture.names),
-        "repose_slope": np.array(mixture.repose_slope),
-        "drift_velocity": np.array(mixture.drift_velocity),
-        "grain_diameter": np.array(mixture.grain_diameter),
-        "inflow": np.array(experiment.feed.inflow),
-    }
-    if mixture.collision_rate is not None:
-        known["collision_rate"] = np.array(mixture.collision_rate)
-    known.update(arrays)
+    known = _told_by(experiment) | arrays
     table = COORDINATES | VARIABLES
     stray = [name for name in known if name not in table]
     if stray:
@@ -83,26 +71,20 @@ def assemble(
 
 def check(dataset: xr.Dataset) -> xr.Dataset:
     """Return `dataset` if it is an archive as the table says; else raise :class:`ArchiveError`."""
-    if dataset.attrs.get("model") not in MODELS:
+    for name in ATTRIBUTES:
+        if name not in dataset.attrs:
+            raise ArchiveError(f"attribute {name!r} is missing")
+    if dataset.attrs["model"] not in MODELS:
         raise ArchiveError(f"model = {dataset.attrs.get('model')!r}; allowed: {', '.join(MODELS)}")
     for variable in (COORDINATES | VARIABLES).values():
-        if variable.name not in dataset.variables:
-            if variable.optional:
-                continue
+        if variable.name in dataset.variables:
+            _check_variable(dataset[variable.name], variable)
+        elif not variable.optional:
             raise ArchiveError(f"variable {variable.name!r} is missing")
-        values = dataset[variable.name]
-        if values.dims != variable.dims:
-            raise ArchiveError(f"{variable.name} has dimensions {values.dims}, not {variable.dims}")
-        if variable.dtype != "str" and not _holds_numbers(values.values, variable):
-            raise ArchiveError(f"{variable.name} holds values that are no {variable.dtype} numbers")
+    for name in ("time", "x", "z"):
+        if dataset.sizes[name] < 2 or not (np.diff(dataset[name].values) > 0).all():
+            raise ArchiveError(f"{name} should have at least 2 values, and grow")
     return dataset
-
-
-def refuse_existing(paths: Iterable[Path], *, force: bool) -> None:
-    """Raise :class:`OutputExistsError` for a path that exists, unless `force` is given."""
-    for path in paths:
-        if path.exists() and not force:
-            raise OutputExistsError(f"{str(path)!r} exists already; --force replaces it")
 
 
 def write_whole(dataset: xr.Dataset, path: Path, *, force: bool = False) -> Path:
@@ -111,28 +93,13 @@ def write_whole(dataset: xr.Dataset, path: Path, *, force: bool = False) -> Path
     Raises :class:`OutputExistsError` where `path` exists and `force` is not given, and
     :class:`ArchiveError` where it cannot be written.
     """
-    refuse_existing([path], force=force)
     encoding = {
         name: {"zlib": True, "complevel": 1, "fletcher32": True, "_FillValue": None}
         for name, values in dataset.variables.items()
         if values.dtype.kind == "f" and values.ndim > 0
     }
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-        os.close(handle)
-        part = Path(name)
-        try:
-            dataset.to_netcdf(part, format="NETCDF4", engine="netcdf4", encoding=encoding)
-            with part.open("rb") as whole:
-                os.fsync(whole.fileno())
-            part.chmod(0o644)
-            part.replace(path)
-        finally:
-            part.unlink(missing_ok=True)
-    except (OSError, RuntimeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ArchiveError(f"{str(path)!r} cannot be written: {reason}") from None
+    with whole_file(path, force=force) as part:
+        dataset.to_netcdf(part, format="NETCDF4", engine="netcdf4", encoding=encoding)
     return path
 
 
@@ -149,7 +116,7 @@ def read(path: Path) -> xr.Dataset:
         with xr.open_dataset(path, engine="netcdf4") as stored:
             dataset = stored.load()
         check(dataset)
-        experiment_of(dataset)
+        _check_experiment(dataset)
     except StratifyError as error:
         raise ArchiveError(f"{str(path)!r} is not an archive of a pour: {error}") from None
     except (OSError, RuntimeError, ValueError, AttributeError, KeyError) as error:
@@ -163,6 +130,29 @@ def experiment_of(dataset: xr.Dataset) -> Experiment:
     return Experiment.from_toml(str(dataset.attrs.get("experiment", "")))
 
 
+def _told_by(experiment: Experiment) -> dict[str, NDArray[Any]]:
+    """The variables that the set-up alone tells."""
+    mixture = experiment.mixture
+    known: dict[str, NDArray[Any]] = {
+        "species_name": np.array(mixture.names, dtype=object),
+        "surface_species_name": np.array(mixture.names, dtype=object),
+        "repose_slope": np.array(mixture.repose_slope),
+        "drift_velocity": np.array(mixture.drift_velocity),
+        "grain_diameter": np.array(mixture.grain_diameter),
+        "inflow": experiment.feed.mean_inflow,
+    }
+    if mixture.collision_rate is not None:
+        known["collision_rate"] = np.array(mixture.collision_rate)
+    return known
+
+
+def _check_experiment(dataset: xr.Dataset) -> None:
+    """Refuse an archive whose variables say otherwise than the set-up that it carries."""
+    for name, values in _told_by(experiment_of(dataset)).items():
+        if name not in dataset or not np.array_equal(dataset[name].values, values):
+            raise ArchiveError(f"{name} is not that of its set-up")
+
+
 def _data_array(variable: Variable, values: NDArray[Any]) -> xr.Variable:
     if values.ndim != len(variable.dims):
         raise ArchiveError(f"{variable.name} has shape {values.shape}, not {variable.dims}")
@@ -170,7 +160,11 @@ def _data_array(variable: Variable, values: NDArray[Any]) -> xr.Variable:
     return xr.Variable(variable.dims, values.astype(kind), variable.attributes)
 
 
-def _holds_numbers(values: NDArray[Any], variable: Variable) -> bool:
-    if values.dtype != np.dtype(variable.dtype):
-        return False
-    return variable.gaps or bool(np.isfinite(values).all())
+def _check_variable(values: xr.DataArray, variable: Variable) -> None:
+    if values.dims != variable.dims:
+        raise ArchiveError(f"{variable.name} has dimensions {values.dims}, not {variable.dims}")
+    if variable.dtype == "str":
+        return
+    whole = variable.gaps or bool(np.isfinite(values.values).all())
+    if values.dtype != np.dtype(variable.dtype) or not whole:
+        raise ArchiveError(f"{variable.name} holds values that are no {variable.dtype} numbers")

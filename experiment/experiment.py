@@ -102,7 +102,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     """The tables of a TOML text. Raises :class:`SetupError` where it is no TOML."""
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise SetupError(f"set-up is not TOML: {error}") from None
 
 
@@ -132,13 +132,15 @@ def set_values(tables: Mapping[str, Any], settings: Sequence[str]) -> dict[str, 
 
 
 def _item(place: Any, step: str, key: str) -> Any:
-    if not isinstance(place, list) or not step.isdigit() or int(step) >= len(place):
+    numbers = step.isascii() and step.isdecimal()
+    if not isinstance(place, list) or not numbers or int(step) >= len(place):
         raise SetupError(f"--set {key}: there is no {step!r} to set")
     return place[int(step)]
 
 
 def _value(text: str) -> Any:
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        parsed = tomllib.loads(f"value = {text}")
+    except (ValueError, RecursionError):
         return text.strip()
+    return parsed["value"] if len(parsed) == 1 else text.strip()

@@ -21,9 +21,9 @@ class Feed(Part):
         return np.tile(np.asarray(self.inflow, dtype=np.float64), (len(time), 1))
 
     @property
-    def mean_inflow(self) -> float:
-        """R^0 = sum_a R_a^0 [cm], averaged over time."""
-        return float(sum(self.inflow))
+    def mean_inflow(self) -> Floats:
+        """R_a^0 (species,) [cm], averaged over time."""
+        return np.asarray(self.inflow, dtype=np.float64)
 
     @model_validator(mode="after")
     def _check_that_something_is_poured(self) -> Self:

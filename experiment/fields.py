@@ -12,8 +12,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from experiment.errors import SetupError
 
 __all__ = [
+    "LARGEST",
+    "STEEPEST",
     "Fraction",
-    "Length",
     "Matrix",
     "NonNegative",
     "Part",
@@ -24,11 +25,11 @@ __all__ = [
 ]
 
 STEEPEST = 100.0
+LARGEST = 1e9
 
-Positive = Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(strict=True, ge=0, allow_inf_nan=False)]
+Positive = Annotated[float, Field(strict=True, gt=0, le=LARGEST)]
+NonNegative = Annotated[float, Field(strict=True, ge=0, le=LARGEST)]
 Fraction = Annotated[float, Field(strict=True, ge=0, le=1)]
-Length = Positive
 Slope = Annotated[float, Field(strict=True, ge=0, le=STEEPEST)]
 SlopeMatrix = tuple[tuple[Slope, ...], ...]
 RateMatrix = tuple[tuple[NonNegative, ...], ...]
@@ -74,9 +75,12 @@ def _first_complaint(error: ValidationError, within: str) -> str:
     for step in complaint["loc"]:
         path += f"[{step}]" if isinstance(step, int) else f"{'.' if path else ''}{step}"
     reason = complaint["msg"].removeprefix("Value error, ").replace("Input should", "it should")
+    reason = reason.replace("valid tuple", "list").replace("valid dictionary", "table")
     if complaint["type"] == "missing":
         return f"{path}: missing; it has no default"
-    if complaint["type"] == "value_error":
+    if complaint["type"] == "too_short":
+        reason = "it should not be empty"
+    if complaint["type"] == "value_error" and not reason.startswith("it should"):
         names_a_field = re.match(r"\w+(\[\d+\])* = ", reason)
         return f"{path}{'.' if names_a_field else ': '}{reason}" if path else reason
     return f"{path} = {complaint['input']!r}: {reason}"

@@ -16,6 +16,7 @@ from typing import Any, Self
 from pydantic import Field, model_validator
 
 from experiment.fields import (
+    STEEPEST,
     Matrix,
     NonNegative,
     Part,
@@ -173,18 +174,25 @@ def _tangent(angle: Any) -> float:
 def _resolve_two_species(fields: dict[str, Any]) -> None:
     wanted = {name: fields.pop(name) for name in TWO_SPECIES if name in fields}
     for name, value in wanted.items():
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, (int, float))
-            or not math.isfinite(value)
-        ):
-            raise ValueError(f"{name} = {value!r}: it should be a finite number")
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise ValueError(f"{name} = {value!r}: it should be a number")
+        if not abs(value) <= STEEPEST:
+            raise ValueError(f"{name} = {value!r}: it should be from {-STEEPEST:g} to {STEEPEST:g}")
     if "repose_slope" in fields:
         wanted = _parameters(fields["repose_slope"], wanted) | wanted
     missing = [name for name in TWO_SPECIES[:3] if name not in wanted]
     if missing:
         raise ValueError(f"{missing[0]}: missing; theta_11, psi and delta go together")
-    fields["repose_slope"] = two_species_slopes(**wanted)
+    slopes = two_species_slopes(**wanted)
+    made_by = (("theta_11", "m1"), ("psi", "delta"))
+    for row, names in zip(slopes, made_by, strict=True):
+        for slope, name in zip(row, names, strict=True):
+            if name in wanted and not 0 <= slope <= STEEPEST:
+                raise ValueError(
+                    f"{name} = {wanted[name]:g}: it makes a repose slope of {slope:g}, "
+                    f"which should be from 0 to {STEEPEST:g}"
+                )
+    fields["repose_slope"] = slopes
 
 
 def _parameters(slopes: Any, changed: dict[str, float]) -> dict[str, float]:

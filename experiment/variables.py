@@ -6,9 +6,7 @@ take names, dimensions, units and meaning from here.
 
 from dataclasses import dataclass
 
-__all__ = ["COORDINATES", "DIMENSIONS", "VARIABLES", "Variable"]
-
-DIMENSIONS = ("time", "x", "z", "species", "surface_species")
+__all__ = ["COORDINATES", "VARIABLES", "Variable"]
 
 
 @dataclass(frozen=True)
@@ -59,7 +57,7 @@ VARIABLES = {
             "rolling_thickness",
             ("time", "x", "species"),
             "cm",
-            "equivalent thickness of rolling grains",
+            "equivalent thickness of rolling grains, those about to leave the cell downhill",
         ),
         Variable(
             "surface_fraction",

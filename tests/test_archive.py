@@ -172,6 +172,18 @@ def test_unknown_and_misshapen_variables_are_refused(small_pour: Experiment) -> 
         assemble(small_pour, "continuum", {"height": np.zeros(3), "x": np.zeros(3)}, {})
 
 
+def test_an_archive_whose_numbers_are_not_those_of_its_set_up_is_refused(archive, tmp_path):
+    archive["repose_slope"].values[0, 0] = 7.0
+    path = write(archive, tmp_path / "run.nc")
+    with pytest.raises(ArchiveError, match="repose_slope is not that of its set-up"):
+        read(path)
+
+
+def test_an_archive_that_runs_backwards_is_refused(archive: xr.Dataset, tmp_path: Path) -> None:
+    with pytest.raises(ArchiveError, match="time should have at least 2 values, and grow"):
+        write(archive.isel(time=slice(None, None, -1)), tmp_path / "run.nc")
+
+
 def test_a_recorder_takes_whole_records_only() -> None:
     recorder = Recorder(records=2, cells=3, species=2)
     with pytest.raises(ArchiveError, match="'colour' is missing or unknown"):

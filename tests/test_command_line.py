@@ -117,6 +117,8 @@ def refused(done: subprocess.CompletedProcess[str]) -> str:
         (["pour", "glass-sugar", "--set=ca_model.contacts=0"], "ca_model.contacts"),
         (["pour", "glass-sugar", "--model=magic"], "'magic' is not one of"),
         (["pour"], "Missing argument 'SETUP'"),
+        (["pour", "glass-sugar", "-o", "text.nc/out"], "folder 'text.nc/out' cannot be written"),
+        (["show", ""], "no such archive"),
         (["stir"], "No such command 'stir'"),
         (["compare", "nowhere"], "'nowhere' holds no archive"),
         (["show", "nothing.nc"], "'nothing.nc': no such archive"),
@@ -128,6 +130,13 @@ def test_bad_input_is_one_line_and_nothing_is_written(arguments, named: str, tmp
     line = refused(stratify(*arguments, folder=tmp_path))
     assert named in line
     assert [path.name for path in tmp_path.iterdir()] == ["text.nc"]
+
+
+def test_without_a_command_the_help_is_shown(tmp_path: Path) -> None:
+    done = stratify(folder=tmp_path)
+    assert done.returncode == 2
+    assert len(done.stdout.splitlines()) > 10
+    assert done.stderr == ""
 
 
 def test_an_archive_cut_in_half_is_refused(pours: Path, tmp_path: Path) -> None:

@@ -9,7 +9,8 @@ import continuum
 from continuum import law_of
 from continuum.kernel import Flow, Grid, advance, find_composition
 from continuum.law import Law, interaction, positive_part
-from experiment import Mixture, NotApplicableError, SetupError, load
+from experiment import Experiment, Mixture, NotApplicableError, SetupError, load, preset_text
+from experiment.experiment import parse_toml, set_values
 
 
 def law_with(species: int = 2, **changes: object) -> Law:
@@ -147,8 +148,8 @@ def test_any_mixture_keeps_its_volume_positive_thicknesses_and_fractions(
     inflow = np.tile(random.uniform(0, 1, species), (400, 1))
     base = random.uniform(0, 3) * np.arange(20)[::-1] * 0.5
     flow = still(law, 20, bins=50, base=base)
-    flow, _ = more(flow, law, Grid(0.5, 0.25, 0.1), velocity, inflow)
-    poured = inflow.sum(axis=0) * velocity * 0.25 / 0.5
+    flow, _ = more(flow, law, Grid(0.5, 0.5 / velocity.max(), 0.1), velocity, inflow)
+    poured = inflow.sum(axis=0) * velocity / velocity.max()
     np.testing.assert_allclose(volume(flow), poured, rtol=1e-12, atol=1e-12)
     assert min(flow.rolling.min(), flow.surface.min(), flow.filling.min()) >= 0
     assert flow.deposit.min() >= 0
@@ -232,6 +233,26 @@ def test_unequal_speeds_advect_a_smooth_pulse_at_second_order_and_keep_its_volum
     assert (orders > 1.6).all(), (errors, orders)
 
 
+@pytest.mark.parametrize("settings", [(), ("cell.length=45.0", "mixture.drift_velocity=7.0")])
+def test_a_bare_slope_between_capture_and_amplification_carries_the_feed_unchanged(settings):
+    """Also where dx / v and v do not multiply back to dx in floating point."""
+    steep = ["mixture.repose_slope=[[0.5, 0.5], [0.5, 0.5]]", "pour.duration=5.0"]
+    text = preset_text("makse-stratification").replace(
+        "theta_11 = 1.0\npsi = 0.3\ndelta = 0.25\n", ""
+    )
+    tables = set_values(parse_toml(text), [*steep, *settings])
+    archive = continuum.pour(Experiment.parse(tables))
+    assert set(np.unique(archive["rolling_thickness"])) == {0.0, 0.5}
+
+
+def test_a_thin_surface_layer_on_a_flat_floor_outgrows_its_bins_without_loss() -> None:
+    """All that enters the first cell comes to rest there at once, many bins high."""
+    settings = ["continuum.cells=50", "mixture.surface_depth=0.01", "cell.start_slope=0.0"]
+    archive = continuum.pour(load("makse-stratification", [*settings, "pour.duration=20.0"]))
+    held = archive["rolling_volume"] + archive["deposited_volume"]
+    np.testing.assert_allclose(held, archive["poured_volume"], rtol=1e-12, atol=1e-12)
+
+
 def test_the_number_of_records_does_not_change_the_pour() -> None:
     few, many = (
         continuum.pour(load("makse-stratification", ["pour.duration=200.0", f"pour.records={n}"]))
@@ -263,6 +284,21 @@ def test_a_mixture_without_rates_does_not_apply() -> None:
 def test_a_wrong_resolution_is_refused_by_name(setting: str) -> None:
     with pytest.raises(SetupError, match=setting.partition("=")[0]):
         continuum.pour(load("makse-stratification", [setting]))
+
+
+@pytest.mark.parametrize(
+    ("setting", "named"),
+    [
+        (
+            "mixture.collision_rate=[[1e9, 0.0], [0.0, 1e9]]",
+            r"mixture\.collision_rate = .*sub-steps",
+        ),
+        ("mixture.drift_velocity=1e9", r"pour\.duration = 3000: it makes 1.2e\+13 steps"),
+    ],
+)
+def test_a_pour_that_would_take_for_ever_is_refused(setting: str, named: str) -> None:
+    with pytest.raises(SetupError, match=named):
+        continuum.check(load("makse-stratification", [setting]))
 
 
 def test_a_law_is_made_of_any_mixture() -> None:

@@ -11,6 +11,7 @@ from ca_model.kernel import Pile, advance, grains_at_rest
 from ca_model.lattice import MANY, Rule, lattice_of
 from ca_model.reference import ReferencePile
 from experiment import NotApplicableError, SetupError, load
+from experiment.recorder import times_of_steps
 
 
 @st.composite
@@ -144,7 +145,9 @@ def short(experiment, duration: float):
     [
         ("ca_model.contacts=0", "ca_model.contacts"),
         ("ca_model.arrivals='late'", "ca_model.arrivals"),
-        ("ca_model.unit=0.5", "ca_model.unit = 0.5"),
+        ("ca_model.contacts='some'", "ca_model.contacts = 'some': it should be a whole number"),
+        ("ca_model.unit=0.07", "ca_model.unit = 0.07"),
+        ("cell.start_composition=[0.5, 0.5]", "cell.start_composition = [0.5, 0.5]"),
         ("ca_model.column_width=90.0", "ca_model.column_width = 90"),
         ("ca_model.width=1.0", "no field 'width'"),
     ],
@@ -162,6 +165,10 @@ def test_species_of_different_speed_do_not_apply() -> None:
 
 def test_a_fixed_feed_keeps_up_with_any_rate_however_it_is_asked() -> None:
     rates = np.tile([7.5, 1.0 / 3.0], (3000, 1))
+    slow, poured = Arrivals("fixed", np.random.default_rng(0), np.zeros(1)), 0
+    for times in times_of_steps(0, 10**7, 1.0):
+        poured += int(slow.take(np.full((len(times), 1), 0.3)).sum())
+    assert poured == 3_000_000
     whole = Arrivals("fixed", np.random.default_rng(0), np.zeros(2)).take(rates)
     split = Arrivals("fixed", np.random.default_rng(0), np.zeros(2))
     assert (np.concatenate([split.take(rates[:7]), split.take(rates[7:])]) == whole).all()

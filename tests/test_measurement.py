@@ -10,7 +10,7 @@ from compare import compare, cycle_period, draw, fronts, kinks, layers, measure,
 from compare.kymograph import mean_velocity
 from compare.regimes import regime
 from compare.table import as_records, table, with_error
-from experiment import load
+from experiment import ArchiveError, load
 from experiment.archive import assemble
 
 LENGTH, COLUMNS, PERIOD, INFLOW = 100.0, 100, 100.0, 1.0
@@ -154,6 +154,31 @@ def test_a_comparison_prints_as_a_table_and_as_plain_numbers(comparison) -> None
     record = as_records(comparison)["ca_model"]
     assert record["regime"] == "stratified"
     assert isinstance(record["wavelength"], float)
+
+
+@pytest.mark.parametrize(
+    ("model", "preset", "settings"),
+    [
+        ("ca_model", "lattice-stratification", ["pour.duration=30.0"]),
+        ("ca_model", "lattice-stratification", ["cell.length=3.0", "pour.duration=30.0"]),
+        ("ca_model", "lattice-stratification", ["cell.length=5.0", "pour.records=1"]),
+        ("continuum", "makse-stratification", ["pour.duration=5.0", "cell.start_slope=0.0"]),
+        ("continuum", "makse-stratification", ["continuum.cells=3", "pour.records=3"]),
+    ],
+)
+def test_a_pour_too_short_or_small_to_measure_gives_no_numbers_and_no_errors(
+    poured, model: str, preset: str, settings: list[str]
+) -> None:
+    archive = poured(model, preset, *settings)
+    found = measure(archive)
+    assert np.isnan(found["kink_velocity"])
+    draw([archive])
+
+
+def test_archives_of_different_pours_are_not_set_side_by_side(poured) -> None:
+    pair = [poured("ca_model", "lattice-stratification"), poured("continuum", "glass-sugar")]
+    with pytest.raises(ArchiveError, match="different pours: their mixture"):
+        compare(pair)
 
 
 @pytest.mark.parametrize(

@@ -31,6 +31,8 @@ def load(setup: str, settings: Sequence[str] = ()) -> Experiment:
     Raises :class:`SetupError` with one line where the name, the file or a setting is wrong.
     """
     path = Path(setup)
-    if setup not in preset_names() and (path.suffix == ".toml" or path.is_file()):
+    if setup not in preset_names() and (
+        path.suffix == ".toml" or (path.exists() and not path.is_dir())
+    ):
         return Experiment.from_file(path, settings)
     return Experiment.from_toml(preset_text(setup), settings)

@@ -1,0 +1,55 @@
+"""Files that are whole or absent: written under a temporary name, then renamed."""
+
+import os
+import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from experiment.errors import ArchiveError, OutputExistsError
+
+__all__ = ["make_folder", "refuse_existing", "whole_file"]
+
+
+def refuse_existing(paths: Iterable[Path], *, force: bool) -> None:
+    """Raise :class:`OutputExistsError` for a path that exists, unless `force` is given."""
+    for path in paths:
+        if path.exists() and not force:
+            raise OutputExistsError(f"{str(path)!r} exists already; --force replaces it")
+
+
+def make_folder(folder: Path) -> None:
+    """Make `folder` if it is not there. Raises :class:`ArchiveError` where nothing can go in."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or error
+        raise ArchiveError(f"folder {str(folder)!r} cannot be written: {reason}") from None
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ArchiveError(f"folder {str(folder)!r} cannot be written: it is read-only")
+
+
+@contextmanager
+def whole_file(path: Path, *, force: bool = False) -> Iterator[Path]:
+    """A temporary file beside `path`, of its ending, that takes its name once all is well.
+
+    Raises :class:`OutputExistsError` where `path` exists and `force` is not given, and
+    :class:`ArchiveError` where it cannot be written.
+    """
+    refuse_existing([path], force=force)
+    try:
+        make_folder(path.parent)
+        handle, name = tempfile.mkstemp(path.suffix, f".{path.stem}.part-", path.parent)
+        os.close(handle)
+        part = Path(name)
+        try:
+            yield part
+            with part.open("rb") as whole:
+                os.fsync(whole.fileno())
+            part.chmod(0o644)
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+    except (OSError, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise ArchiveError(f"{str(path)!r} cannot be written: {reason}") from None
