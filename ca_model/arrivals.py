@@ -9,7 +9,8 @@ from experiment.arrays import Floats, Ints
 
 __all__ = ["Arrivals"]
 
-ROUND_OFF = 1e-6
+SHARES = 2**40  # a grain is counted in so many shares, so that sums are exact
+ROUND_OFF = 2**24  # shares; a grain that lacks no more than this is whole
 
 
 @dataclass
@@ -23,19 +24,23 @@ class Arrivals:
 
     kind: Literal["fixed", "poisson", "drawn"]
     generator: np.random.Generator
-    due: Floats  # (species,) what was fed but makes no whole grain yet
+    due: Ints  # (species,) shares that were fed but make no whole grain yet
 
     def take(self, rates: Floats) -> Ints:
         """The next grains (step, species), one row for each row of `rates`."""
         if self.kind == "poisson":
             return np.asarray(self.generator.poisson(rates), dtype=np.int64)
-        fed = self.due + np.cumsum(rates, axis=0)
+        shares = np.rint(rates * SHARES).astype(np.int64)
         if self.kind == "fixed":
-            whole: Ints = np.floor(fed + ROUND_OFF).astype(np.int64)
-            self.due = fed[-1] - whole[-1]
-            return np.asarray(np.diff(whole, axis=0, prepend=0))
-        total = np.floor(fed.sum(axis=1) + ROUND_OFF).astype(np.int64)
-        self.due = np.append(np.zeros(len(self.due) - 1), fed[-1].sum() - total[-1])
-        shares = rates / np.maximum(rates.sum(axis=1, keepdims=True), np.finfo(float).tiny)
-        shares[:, -1] = np.maximum(1.0 - shares[:, :-1].sum(axis=1), 0.0)
-        return np.asarray(self.generator.multinomial(np.diff(total, prepend=0), shares))
+            return self._whole(shares)
+        total = self._whole(shares.sum(axis=1, keepdims=True))[:, 0]
+        chance = rates / np.maximum(rates.sum(axis=1, keepdims=True), np.finfo(float).tiny)
+        chance[:, -1] = np.maximum(1.0 - chance[:, :-1].sum(axis=1), 0.0)
+        return np.asarray(self.generator.multinomial(total, chance), dtype=np.int64)
+
+    def _whole(self, shares: Ints) -> Ints:
+        """Whole grains of each step (step, kind) for the shares fed in it; the rest stays due."""
+        fed = self.due[: shares.shape[1]] + np.cumsum(shares, axis=0)
+        whole = (fed + ROUND_OFF) // SHARES
+        self.due[: shares.shape[1]] = fed[-1] - whole[-1] * SHARES
+        return np.asarray(np.diff(whole, axis=0, prepend=0))

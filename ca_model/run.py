@@ -33,7 +33,7 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     settings = Settings.parse(experiment.ca_model, "ca_model")
     generator = np.random.Generator(np.random.PCG64(experiment.pour.seed))
     species = experiment.mixture.species
-    arrivals = Arrivals(settings.arrivals, generator, np.zeros(species))
+    arrivals = Arrivals(settings.arrivals, generator, np.zeros(species, dtype=np.int64))
     pile = _still(lattice, species)
     steps = record_steps(experiment.pour, lattice.step)
     recorder = Recorder(len(steps), len(lattice.base), species)

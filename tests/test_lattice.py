@@ -165,12 +165,12 @@ def test_species_of_different_speed_do_not_apply() -> None:
 
 def test_a_fixed_feed_keeps_up_with_any_rate_however_it_is_asked() -> None:
     rates = np.tile([7.5, 1.0 / 3.0], (3000, 1))
-    slow, poured = Arrivals("fixed", np.random.default_rng(0), np.zeros(1)), 0
+    slow, poured = Arrivals("fixed", np.random.default_rng(0), np.zeros(1, dtype=np.int64)), 0
     for times in times_of_steps(0, 10**7, 1.0):
         poured += int(slow.take(np.full((len(times), 1), 0.3)).sum())
     assert poured == 3_000_000
-    whole = Arrivals("fixed", np.random.default_rng(0), np.zeros(2)).take(rates)
-    split = Arrivals("fixed", np.random.default_rng(0), np.zeros(2))
+    whole = Arrivals("fixed", np.random.default_rng(0), np.zeros(2, dtype=np.int64)).take(rates)
+    split = Arrivals("fixed", np.random.default_rng(0), np.zeros(2, dtype=np.int64))
     assert (np.concatenate([split.take(rates[:7]), split.take(rates[7:])]) == whole).all()
     assert (np.abs(whole.cumsum(axis=0) - rates.cumsum(axis=0)) <= 1).all()
     assert whole[:, 0].min() == 7
@@ -180,9 +180,9 @@ def test_a_fixed_feed_keeps_up_with_any_rate_however_it_is_asked() -> None:
 @pytest.mark.parametrize("kind", ["poisson", "drawn"])
 def test_random_feeds_have_the_right_mean_and_repeat_with_their_seed(kind) -> None:
     rates = np.tile([2.0, 1.0], (4000, 1))
-    grains = Arrivals(kind, np.random.default_rng(5), np.zeros(2)).take(rates)
-    again = Arrivals(kind, np.random.default_rng(5), np.zeros(2)).take(rates)
-    other = Arrivals(kind, np.random.default_rng(6), np.zeros(2)).take(rates)
+    grains = Arrivals(kind, np.random.default_rng(5), np.zeros(2, dtype=np.int64)).take(rates)
+    again = Arrivals(kind, np.random.default_rng(5), np.zeros(2, dtype=np.int64)).take(rates)
+    other = Arrivals(kind, np.random.default_rng(6), np.zeros(2, dtype=np.int64)).take(rates)
     assert (grains == again).all()
     assert (grains != other).any()
     np.testing.assert_allclose(grains.mean(axis=0), [2.0, 1.0], rtol=0.1)
