@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import netCDF4
 import numpy as np
 import pytest
 import xarray as xr
@@ -103,6 +104,12 @@ def test_an_archive_cut_in_half_is_refused(archive: xr.Dataset, tmp_path: Path) 
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     with pytest.raises(ArchiveError, match="is not a whole netCDF-4 archive"):
         read(path)
+
+
+def test_every_number_is_kept_with_a_checksum(archive: xr.Dataset, tmp_path: Path) -> None:
+    with netCDF4.Dataset(write(archive, tmp_path / "run.nc")) as stored:
+        for variable in stored.variables.values():
+            assert variable.dtype is str or variable.filters()["fletcher32"]
 
 
 def test_a_damaged_byte_of_data_is_noticed(archive: xr.Dataset, tmp_path: Path) -> None:

@@ -197,6 +197,13 @@ def test_the_rigid_surface_counts_as_surface_but_gives_up_no_grains() -> None:
     np.testing.assert_allclose(volume(flow), 25.0, rtol=1e-13)
 
 
+def test_what_a_surface_layer_lacks_of_its_depth_is_rigid_surface() -> None:
+    phi = np.empty((2, 3))
+    surface = np.array([[0.0, 0.02, 0.06], [0.0, 0.03, 0.14]])
+    find_composition(phi, surface, np.array([1.0, 0.0]), 0.1)
+    np.testing.assert_allclose(phi, [[1.0, 0.7, 0.3], [0.0, 0.3, 0.7]], rtol=1e-14)
+
+
 def test_equal_speeds_shift_the_rolling_grains_exactly() -> None:
     """Without exchange (a slope between capture and amplification) a pulse keeps its every bit."""
     law = law_with(1, repose_slope=np.array([[1.0]]), curvature_length=0.0)
