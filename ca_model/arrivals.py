@@ -40,7 +40,8 @@ class Arrivals:
 
     def _whole(self, shares: Ints) -> Ints:
         """Whole grains of each step (step, kind) for the shares fed in it; the rest stays due."""
-        fed = self.due[: shares.shape[1]] + np.cumsum(shares, axis=0)
-        whole = (fed + ROUND_OFF) // SHARES
-        self.due[: shares.shape[1]] = fed[-1] - whole[-1] * SHARES
-        return np.asarray(np.diff(whole, axis=0, prepend=0))
+        whole, rest = np.divmod(shares, SHARES)
+        fed = self.due[: shares.shape[1]] + np.cumsum(rest, axis=0)
+        completed = (fed + ROUND_OFF) // SHARES
+        self.due[: shares.shape[1]] = fed[-1] - completed[-1] * SHARES
+        return np.asarray(whole + np.diff(completed, axis=0, prepend=0))

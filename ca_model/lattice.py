@@ -24,6 +24,7 @@ __all__ = ["Lattice", "Rule", "Settings", "lattice_of"]
 ROUND_OFF = 1e-9
 MANY = 2**62
 MOST_COLUMNS = 10_000_000
+MOST_GRAINS = 1_000_000  # a step
 
 
 class Settings(Part):
@@ -120,13 +121,19 @@ def lattice_of(experiment: Experiment) -> Lattice:
         contacts=MANY if settings.contacts == "all" else settings.contacts,
         percolation=settings.percolation,
     )
+    grains = experiment.feed.mean_inflow / (heights * unit)
+    if grains.sum() > MOST_GRAINS:
+        raise SetupError(
+            f"feed.inflow = {list(experiment.feed.inflow)}: it makes {grains.sum():.2g} grains a "
+            f"step; at most {MOST_GRAINS} are allowed"
+        )
     cell = experiment.cell.model_copy(update={"length": columns * width})
     x = (np.arange(columns) + 0.5) * width
     return Lattice(
         rule=rule,
         base=np.rint(cell.base_height(x) / unit).astype(np.int64),
         base_species=int(np.argmax(experiment.start_composition)),
-        grains_per_step=experiment.feed.mean_inflow / (heights * unit),
+        grains_per_step=grains,
         unit=unit,
         column_width=width,
         step=width / velocity,

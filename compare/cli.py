@@ -84,10 +84,12 @@ def pour(
 ) -> None:
     """Pour SETUP, a preset or a TOML file; write FOLDER/ca_model.nc and FOLDER/continuum.nc.
 
-    Example: stratify pour glass-sugar --set feed.inflow=[0.2,0.2] -o pours/thicker
+    Example: stratify pour glass-sugar --set 'feed.inflow=[0.2,0.2]' -o pours/thicker
     """
     experiment = load(setup, settings)
     folder = folder or Path("pours") / Path(setup).stem
+    ca_model.Settings.parse(experiment.ca_model, "ca_model")
+    continuum.Resolution.parse(experiment.continuum, "continuum")
     models = _applicable(experiment, list(POUR) if model == "both" else [model])
     paths = {name: folder / f"{name}.nc" for name in models}
     refuse_existing(paths.values(), force=force)
@@ -115,8 +117,8 @@ def compare(folders: tuple[Path, ...], as_json: bool, force: bool) -> None:
     comparisons = [compare_archives(models) for models in archives]
     pictures = [draw(models) for models in archives]
     for folder, comparison, picture in zip(folders, comparisons, pictures, strict=True):
-        write_whole(comparison, folder / "comparison.nc", force=force)
         save(picture, folder / "comparison.png", force=force)
+        write_whole(comparison, folder / "comparison.nc", force=force)
     if as_json:
         records = {str(f): as_records(c) for f, c in zip(folders, comparisons, strict=True)}
         click.echo(json.dumps(records, indent=2))

@@ -10,6 +10,7 @@ import xarray as xr
 
 from compare.kymograph import fronts, kinks
 from compare.quantities import cell_length, coarseness, settled_since
+from experiment.arrays import Floats
 from experiment.errors import ArchiveError
 from experiment.files import whole_file
 
@@ -38,7 +39,7 @@ def draw(archives: Sequence[xr.Dataset]) -> "Figure":
         for column, archive in zip(axes.T, archives, strict=True):
             draw_deposit(column[0], archive)
             draw_kymograph(column[1], archive)
-        figure.suptitle(archives[0].attrs["title"])
+        figure.suptitle(archives[0].attrs["title"], parse_math=False)
         figure.legend(handles=_line_styles(), loc="outside lower center", ncols=3)
     return figure
 
@@ -49,16 +50,13 @@ def draw_deposit(axes: "Axes", archive: xr.Dataset) -> None:
     coarse = coarseness(archive["deposit_fraction"], archive).values
     length = cell_length(archive)
     top = float(archive["height"].isel(time=-1).max())
-    bottom = z[0] - (z[1] - z[0]) / 2
-    image = axes.imshow(
-        coarse, extent=(0, length, bottom, 2 * z[-1] - z[-2]), vmin=0, vmax=1, rasterized=True
-    )
+    image = axes.imshow(coarse, extent=(0, length, *_edges(z)), vmin=0, vmax=1, rasterized=True)
     axes.fill_between(x, archive["base_height"].values, color="0.85", linewidth=0)
     axes.set_ylim(0, 1.05 * top)
     axes.set(
         xlabel="x (cm)", ylabel="z (cm)", title=f"{MODEL_NAMES[archive.attrs['model']]}: deposit"
     )
-    axes.figure.colorbar(image, ax=axes, label="fraction of large grains")
+    axes.figure.colorbar(image, ax=axes, label=_coarseness_label(archive))
 
 
 def draw_kymograph(axes: "Axes", archive: xr.Dataset) -> None:
@@ -67,7 +65,7 @@ def draw_kymograph(axes: "Axes", archive: xr.Dataset) -> None:
     time = archive["time"].values
     image = axes.imshow(
         thickness,
-        extent=(0, cell_length(archive), time[0], time[-1]),
+        extent=(0, cell_length(archive), *_edges(time)),
         cmap="Greys",
         vmin=0,
         vmax=PALE * float(np.quantile(thickness, 0.995)),
@@ -85,6 +83,19 @@ def draw_kymograph(axes: "Axes", archive: xr.Dataset) -> None:
     axes.figure.colorbar(image, ax=axes, label="R (cm)")
 
 
+def _edges(middles: Floats) -> tuple[float, float]:
+    """Lower edge of the first and upper edge of the last of evenly spaced cells."""
+    half = (middles[1] - middles[0]) / 2
+    return float(middles[0] - half), float(middles[-1] + half)
+
+
+def _coarseness_label(archive: xr.Dataset) -> str:
+    diameters = np.unique(archive["grain_diameter"])
+    if archive.sizes["species"] == len(diameters) == 2:
+        return "fraction of large grains"
+    return "coarseness (0 smallest, 1 largest)"
+
+
 def _line_styles() -> list["Line2D"]:
     """Legend of the lines in the kymographs."""
     from matplotlib.lines import Line2D
@@ -95,9 +106,10 @@ def _line_styles() -> list["Line2D"]:
 
 def save(figure: "Figure", path: Path, *, force: bool = False) -> Path:
     """Write a picture whole or not at all, in the format that the name tells."""
-    try:
-        with whole_file(path, force=force) as part:
-            figure.savefig(part)
-    except ValueError as error:
-        raise ArchiveError(f"{str(path)!r} cannot be written: {error}") from None
+    formats = figure.canvas.get_supported_filetypes()
+    if path.suffix.removeprefix(".") not in formats:
+        endings = ", ".join(f".{name}" for name in sorted(formats))
+        raise ArchiveError(f"{str(path)!r} cannot be written: it should end in one of {endings}")
+    with whole_file(path, force=force) as part:
+        figure.savefig(part)
     return path

@@ -12,7 +12,14 @@ import xarray as xr
 
 from compare.deposit import layers
 from compare.kymograph import cycle_period, fronts, kinks, mean_velocity
-from compare.quantities import cell_length, flux, rise_velocity, total_inflow, velocity
+from compare.quantities import (
+    cell_length,
+    flux,
+    rise_velocity,
+    settled_thickness,
+    total_inflow,
+    velocity,
+)
 from compare.regimes import regime, segregation
 from experiment import ArchiveError
 from experiment.archive import experiment_of
@@ -31,7 +38,7 @@ def measure(archive: xr.Dataset) -> xr.Dataset:
     found = layers(archive)
     apart = segregation(archive)
     strength = float(found["layering"])
-    word = regime(strength, apart)
+    word = regime(strength, apart, settled_thickness(archive) / total_inflow(archive))
     lines_up, lines_down = kinks(archive), fronts(archive)
     uphill, kink_error = mean_velocity(lines_up)
     kink = -uphill

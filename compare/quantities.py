@@ -12,6 +12,7 @@ __all__ = [
     "measured_columns",
     "rise_velocity",
     "settled_since",
+    "settled_thickness",
     "total_inflow",
     "velocity",
 ]
@@ -55,6 +56,13 @@ def rise_velocity(archive: xr.Dataset) -> float:
 def settled_since(archive: xr.Dataset) -> float:
     """Time [s] from which on the pour counts as settled: after a third of it."""
     return float(archive["time"].values[-1]) * TRANSIENT_SHARE
+
+
+def settled_thickness(archive: xr.Dataset) -> float:
+    """Mean thickness [cm] of what was laid after the transient."""
+    height = archive["height"]
+    grown = height.isel(time=-1) - height.interp(time=settled_since(archive))
+    return float(grown.mean())
 
 
 def measured_columns(archive: xr.Dataset) -> NDArray[np.bool_]:

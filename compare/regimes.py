@@ -4,8 +4,9 @@
     segregation  standard deviation over x of the column's mean coarseness, over its largest
                  possible value sqrt(f (1 - f)), f the coarseness of all: 1 where species lie apart
 
-segregated where segregation >= SEGREGATED; else stratified where layering >= STRATIFIED; else
-mixed.
+unsettled where less than THINNEST R0 was laid after the transient, some two cycles: too little to
+tell; else segregated where segregation >= SEGREGATED; else stratified where layering >= STRATIFIED;
+else mixed.
 A segregated pile may have weak stripes where its species meet: `layering` tells.
 """
 
@@ -18,6 +19,7 @@ __all__ = ["regime", "segregation"]
 
 STRATIFIED = 0.25
 SEGREGATED = 0.5
+THINNEST = 5.0  # R0
 
 
 def segregation(archive: xr.Dataset) -> float:
@@ -31,8 +33,13 @@ def segregation(archive: xr.Dataset) -> float:
     return float(means.std() / largest) if largest > 0 else 0.0
 
 
-def regime(layering: float, segregated: float) -> str:
-    """`stratified`, `segregated` or `mixed`, from `layering` and degree of segregation."""
+def regime(layering: float, segregated: float, thickness: float) -> str:
+    """`stratified`, `segregated`, `mixed` or `unsettled`.
+
+    From `layering`, degree of segregation, and the thickness of the settled deposit over R0.
+    """
+    if thickness < THINNEST:
+        return "unsettled"
     if segregated >= SEGREGATED:
         return "segregated"
     return "stratified" if layering >= STRATIFIED else "mixed"

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import xarray as xr
 from rich.table import Table
+from rich.text import Text
 
 __all__ = ["as_records", "table", "with_error"]
 
@@ -32,7 +33,7 @@ def table(comparisons: list[xr.Dataset]) -> Table:
     sheet = Table("", *models, "published")
     for comparison in comparisons:
         sheet.add_section()
-        sheet.add_row(f"[bold]{comparison.attrs['title']}[/bold]")
+        sheet.add_row(Text(comparison.attrs["title"], style="bold"))
         for name, label in ROWS.items():
             cells = [_cell(comparison, name, model) for model in models]
             sheet.add_row(label, *cells, _published(comparison, name))
@@ -41,11 +42,18 @@ def table(comparisons: list[xr.Dataset]) -> Table:
 
 def as_records(comparison: xr.Dataset) -> dict[str, object]:
     """A comparison as plain numbers by model and name, for JSON; None where there is no number."""
-    models = [str(model) for model in comparison["model_name"].values]
-    record: dict[str, object] = {"title": comparison.attrs["title"]}
-    for model in models:
-        chosen = comparison.sel(model_name=model)
-        record[model] = {str(name): _plain(chosen[name].item()) for name in chosen.data_vars}
+    measured = [name for name in comparison.data_vars if "model" in comparison[name].dims]
+    published = [name for name in comparison.data_vars if "model" not in comparison[name].dims]
+    record: dict[str, object] = {
+        "title": comparison.attrs["title"],
+        "comment": comparison.attrs.get("comment"),
+        "published": {
+            str(name).removeprefix("published_"): comparison[name].item() for name in published
+        },
+    }
+    for model in comparison["model_name"].values:
+        chosen = comparison[measured].sel(model_name=model)
+        record[str(model)] = {str(name): _plain(chosen[name].item()) for name in measured}
     return record
 
 

@@ -41,8 +41,8 @@ class Resolution(Part):
 
 def check(experiment: Experiment) -> None:
     """Raise what :func:`pour` would raise, without pouring."""
-    law = law_of(experiment.mixture)
     grid = Resolution.parse(experiment.continuum, "continuum").grid(experiment)
+    law = law_of(experiment.mixture)
     record_steps(experiment.pour, grid.dt)
     fastest = law.collision_rate.max(axis=1) @ experiment.feed.mean_inflow
     substeps = substeps_at(float(fastest), law, grid)
@@ -59,6 +59,7 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     `progress` is called with the share that is done. Raises :class:`SetupError` for a wrong
     `[continuum]` table and :class:`NotApplicableError` where the mixture has no collision rates.
     """
+    check(experiment)
     law = law_of(experiment.mixture)
     resolution = Resolution.parse(experiment.continuum, "continuum")
     grid = resolution.grid(experiment)

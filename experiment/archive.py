@@ -165,6 +165,6 @@ def _check_variable(values: xr.DataArray, variable: Variable) -> None:
         raise ArchiveError(f"{variable.name} has dimensions {values.dims}, not {variable.dims}")
     if variable.dtype == "str":
         return
-    whole = variable.gaps or bool(np.isfinite(values.values).all())
-    if values.dtype != np.dtype(variable.dtype) or not whole:
+    numbers = values.dtype == np.dtype(variable.dtype)
+    if not numbers or not (variable.gaps or np.isfinite(values.values).all()):
         raise ArchiveError(f"{variable.name} holds values that are no {variable.dtype} numbers")

@@ -4,6 +4,7 @@ A set-up is a tree of frozen :class:`Part` objects. Whatever does not fit is ref
 that names the field, its value and what is allowed.
 """
 
+import math
 import re
 from typing import Annotated, Any, Self
 
@@ -76,8 +77,11 @@ def _first_complaint(error: ValidationError, within: str) -> str:
         path += f"[{step}]" if isinstance(step, int) else f"{'.' if path else ''}{step}"
     reason = complaint["msg"].removeprefix("Value error, ").replace("Input should", "it should")
     reason = reason.replace("valid tuple", "list").replace("valid dictionary", "table")
+    reason = reason.partition(" or instance of ")[0]
     if complaint["type"] == "missing":
         return f"{path}: missing; it has no default"
+    if isinstance(complaint["input"], float) and math.isnan(complaint["input"]):
+        reason = "it should be a number"
     if complaint["type"] == "too_short":
         reason = "it should not be empty"
     if complaint["type"] == "value_error" and not reason.startswith("it should"):

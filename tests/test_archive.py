@@ -148,6 +148,13 @@ def test_an_archive_with_numbers_that_are_none_is_refused(archive: xr.Dataset, t
     assert list(tmp_path.iterdir()) == []
 
 
+def test_an_archive_with_words_for_numbers_is_refused(archive: xr.Dataset, tmp_path) -> None:
+    words = archive.assign(base_height=("x", np.full(archive.sizes["x"], "high", dtype=object)))
+    path = write_whole(words, tmp_path / "run.nc")
+    with pytest.raises(ArchiveError, match="base_height holds values"):
+        read(path)
+
+
 def test_nothing_is_overwritten_without_force(archive: xr.Dataset, tmp_path: Path) -> None:
     path = tmp_path / "run.nc"
     path.write_text("precious")

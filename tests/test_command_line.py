@@ -80,7 +80,17 @@ def test_compare_prints_a_table_and_writes_numbers_and_a_picture(pours: Path) ->
 def test_compare_prints_json_for_programs(pours: Path) -> None:
     done = stratify("compare", "pours/short", "--json", "--force", folder=pours)
     record = json.loads(done.stdout)["pours/short"]
-    assert set(record) == {"title", "ca_model", "continuum"}
+    assert set(record) == {"title", "comment", "published", "ca_model", "continuum"}
+
+
+def test_a_title_may_hold_any_characters(tmp_path: Path) -> None:
+    """Neither the table nor the picture takes it for markup."""
+    title = "[/x] costs $\\frac{ 3 $"
+    options = [*SHORT, f"--set=title='{title}'", "--model=ca_model", "-o", "odd"]
+    assert stratify("pour", "makse-stratification", *options, folder=tmp_path).returncode == 0
+    done = stratify("compare", "odd", folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "[/x] costs $" in done.stdout
 
 
 def test_show_draws_one_archive(pours: Path) -> None:
@@ -115,6 +125,11 @@ def refused(done: subprocess.CompletedProcess[str]) -> str:
         (["pour", "glass-sugar", "--set=feed.inflow=[0.0,0.0]"], "feed.inflow = [0.0, 0.0]"),
         (["pour", "glass-sugar", "--set=continuum.cells=1"], "continuum.cells = 1"),
         (["pour", "glass-sugar", "--set=ca_model.contacts=0"], "ca_model.contacts"),
+        (
+            ["pour", "glass-sugar", "--model=ca_model", "--set=continuum.cels=3"],
+            "continuum: no field 'cels'",
+        ),
+        (["pour", "lattice-stratification", "--set=continuum.cells=2.5"], "continuum.cells = 2.5"),
         (["pour", "glass-sugar", "--model=magic"], "'magic' is not one of"),
         (["pour"], "Missing argument 'SETUP'"),
         (["pour", "glass-sugar", "-o", "text.nc/out"], "folder 'text.nc/out' cannot be written"),
@@ -155,5 +170,6 @@ def test_an_existing_output_stays_without_force(arguments, tmp_path: Path) -> No
 
 
 def test_a_picture_format_that_is_none_is_refused(pours: Path) -> None:
-    done = stratify("show", "pours/short/continuum.nc", "-o", "picture.grain", folder=pours)
-    assert "'picture.grain' cannot be written" in refused(done)
+    for name in ("picture.grain", "picture"):
+        done = stratify("show", "pours/short/continuum.nc", "-o", name, folder=pours)
+        assert f"'{name}' cannot be written: it should end in" in refused(done)

@@ -146,6 +146,7 @@ def short(experiment, duration: float):
         ("ca_model.contacts=0", "ca_model.contacts"),
         ("ca_model.arrivals='late'", "ca_model.arrivals"),
         ("ca_model.contacts='some'", "ca_model.contacts = 'some': it should be a whole number"),
+        ("feed.inflow=[1e6, 1.0]", "feed.inflow = [1000000.0, 1.0]: it makes 1.5e+07 grains"),
         ("ca_model.unit=0.07", "ca_model.unit = 0.07"),
         ("cell.start_composition=[0.5, 0.5]", "cell.start_composition = [0.5, 0.5]"),
         ("ca_model.column_width=90.0", "ca_model.column_width = 90"),
@@ -169,6 +170,8 @@ def test_a_fixed_feed_keeps_up_with_any_rate_however_it_is_asked() -> None:
     for times in times_of_steps(0, 10**7, 1.0):
         poured += int(slow.take(np.full((len(times), 1), 0.3)).sum())
     assert poured == 3_000_000
+    many = Arrivals("fixed", np.random.default_rng(0), np.zeros(1, dtype=np.int64))
+    assert (many.take(np.full((65_536, 1), 150.0)) == 150).all()
     whole = Arrivals("fixed", np.random.default_rng(0), np.zeros(2, dtype=np.int64)).take(rates)
     split = Arrivals("fixed", np.random.default_rng(0), np.zeros(2, dtype=np.int64))
     assert (np.concatenate([split.take(rates[:7]), split.take(rates[7:])]) == whole).all()

@@ -8,6 +8,7 @@ import xarray as xr
 
 from compare import compare, cycle_period, draw, fronts, kinks, layers, measure, segregation
 from compare.kymograph import mean_velocity
+from compare.quantities import settled_thickness, total_inflow
 from compare.regimes import regime
 from compare.table import as_records, table, with_error
 from experiment import ArchiveError, load
@@ -125,11 +126,16 @@ def test_segregation_is_one_for_species_apart_and_zero_for_stripes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("layering", "apart", "word"),
-    [(0.9, 0.1, "stratified"), (0.3, 0.9, "segregated"), (0.1, 0.2, "mixed")],
+    ("layering", "apart", "thickness", "word"),
+    [
+        (0.9, 0.1, 20.0, "stratified"),
+        (0.3, 0.9, 20.0, "segregated"),
+        (0.1, 0.2, 20.0, "mixed"),
+        (0.9, 0.1, 2.0, "unsettled"),
+    ],
 )
-def test_a_regime_is_named_after_its_order_parameters(layering, apart, word) -> None:
-    assert regime(layering, apart) == word
+def test_a_regime_is_named_after_its_order_parameters(layering, apart, thickness, word) -> None:
+    assert regime(layering, apart, thickness) == word
 
 
 @pytest.fixture(scope="module")
@@ -172,7 +178,9 @@ def test_a_pour_too_short_or_small_to_measure_gives_no_numbers_and_no_errors(
 ) -> None:
     archive = poured(model, preset, *settings)
     found = measure(archive)
-    assert np.isnan(found["kink_velocity"])
+    assert np.isnan(found["wavelength"])
+    if settled_thickness(archive) < 5 * total_inflow(archive):
+        assert found["regime"].item() == "unsettled"
     draw([archive])
 
 
