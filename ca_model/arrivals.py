@@ -7,7 +7,9 @@ import numpy as np
 
 from experiment.arrays import Floats, Ints
 
-__all__ = ["Arrivals"]
+__all__ = ["ArrivalKind", "Arrivals"]
+
+ArrivalKind = Literal["fixed", "poisson", "drawn"]
 
 SHARES = 2**40  # a grain is counted in so many shares, so that sums are exact
 ROUND_OFF = 2**24  # shares; a grain that lacks no more than this is whole
@@ -22,7 +24,7 @@ class Arrivals:
     drawn     the total is fixed; the species of each grain is drawn in proportion to the rates
     """
 
-    kind: Literal["fixed", "poisson", "drawn"]
+    kind: ArrivalKind
     generator: np.random.Generator
     due: Ints  # (species,) shares that were fed but make no whole grain yet
 

@@ -1,7 +1,7 @@
 """The lattice rule of :mod:`ca_model.reference` on arrays, grain for grain the same.
 
-Columns are taken from the wall side's neighbours last: going downhill, a column meets the height
-that its downhill neighbour had before the step, so heights can be changed in place.
+Columns are taken in their order downhill: each then meets the height that its downhill neighbour
+had before the step, so heights can be changed in place.
 """
 
 from typing import NamedTuple

@@ -14,6 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from pydantic import field_validator
 
+from ca_model.arrivals import ArrivalKind
 from experiment import Experiment, NotApplicableError, SetupError
 from experiment.arrays import Floats, Ints
 from experiment.fields import Part, Positive
@@ -34,7 +35,7 @@ class Settings(Part):
     column_width: Positive | None = None  # w, cm; default: 10 u
     contacts: int | Literal["all"] = "all"
     percolation: bool = True
-    arrivals: Literal["fixed", "poisson", "drawn"] = "fixed"
+    arrivals: ArrivalKind = "fixed"
 
     @field_validator("contacts", mode="before")
     @classmethod
@@ -66,6 +67,7 @@ class Lattice(NamedTuple):
     unit: float  # u, cm
     column_width: float  # w, cm
     step: float  # w / v, s
+    arrivals: ArrivalKind
 
     @property
     def x(self) -> Floats:
@@ -137,4 +139,5 @@ def lattice_of(experiment: Experiment) -> Lattice:
         unit=unit,
         column_width=width,
         step=width / velocity,
+        arrivals=settings.arrivals,
     )

@@ -7,7 +7,7 @@ import xarray as xr
 
 from ca_model.arrivals import Arrivals
 from ca_model.kernel import Pile, advance, grains_at_rest
-from ca_model.lattice import Lattice, Settings, lattice_of
+from ca_model.lattice import Lattice, lattice_of
 from experiment import Experiment
 from experiment.archive import assemble
 from experiment.arrays import Floats, Ints
@@ -30,10 +30,9 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     `[ca_model]` table and :class:`NotApplicableError` where the species' speeds differ.
     """
     lattice = lattice_of(experiment)
-    settings = Settings.parse(experiment.ca_model, "ca_model")
     generator = np.random.Generator(np.random.PCG64(experiment.pour.seed))
     species = experiment.mixture.species
-    arrivals = Arrivals(settings.arrivals, generator, np.zeros(species, dtype=np.int64))
+    arrivals = Arrivals(lattice.arrivals, generator, np.zeros(species, dtype=np.int64))
     pile = _still(lattice, species)
     steps = record_steps(experiment.pour, lattice.step)
     recorder = Recorder(len(steps), len(lattice.base), species)

@@ -37,12 +37,13 @@ def layers(archive: xr.Dataset) -> xr.Dataset:
     settled = settled_profiles(archive)
     profiles = [settled[i] for i in columns]
     dz = cell_height(archive)
-    longest = min(len(profile) for profile in profiles) * 2 // 3
+    thinnest = min(len(profile) for profile in profiles)
+    longest = thinnest * 2 // 3
     single = np.array([_autocorrelation(profile, longest) for profile in profiles])
     peak, strength = _repeat(single.mean(axis=0))
     at = np.array([_nearest_peak(one, peak) for one in single]) * dz
     spread = float(np.nanstd(at)) if np.isfinite(at).any() else np.nan
-    repeats = longest * 3 / 2 / peak
+    repeats = thinnest / peak
     slope = _mean_slope(archive, columns)
 
     def cm(value: float, long_name: str) -> tuple[tuple[()], float, dict[str, str]]:

@@ -5,6 +5,7 @@ R0 v T / L, where the left side comes from the deposit and the right one from th
 cycle is a front's way down and a kink's way up, so wavelength is about R0 v (1 / v_f + 1 / v_k).
 """
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -26,8 +27,6 @@ from experiment.archive import experiment_of
 
 __all__ = ["compare", "measure"]
 
-NAN = float("nan")
-
 
 def measure(archive: xr.Dataset) -> xr.Dataset:
     """Every number that one archive gives: a Dataset of scalars with units and long names.
@@ -44,9 +43,8 @@ def measure(archive: xr.Dataset) -> xr.Dataset:
     kink = -uphill
     front, front_error = mean_velocity(lines_down)
     period, period_error = cycle_period(lines_up)
-    stratified = word == "stratified"
     wavelength, error, spread, normal = (
-        float(found[name]) if stratified else NAN
+        float(found[name]) if word == "stratified" else math.nan
         for name in (
             "wavelength",
             "wavelength_error",

@@ -32,7 +32,7 @@ def flux(archive: xr.Dataset) -> float:
 
 
 def velocity(archive: xr.Dataset) -> float:
-    """V [cm/s]: the grains' drift velocity, averaged over what is poured."""
+    """The drift velocity v [cm/s] of the grains, averaged over what is poured."""
     return flux(archive) / total_inflow(archive)
 
 

@@ -99,10 +99,7 @@ def find_composition(phi: Floats, surface: Floats, rigid_fraction: Floats, depth
     What a layer lacks of its depth is rigid surface of composition `rigid_fraction` (species,).
     """
     species, cells = surface.shape
-    held = np.zeros(cells)
-    for a in range(species):
-        for i in range(cells):
-            held[i] += surface[a, i]
+    held = _total(surface)
     for a in range(species):
         for i in range(cells):
             bare = max(depth - held[i], 0.0)
@@ -167,7 +164,7 @@ def _count_substeps(rolling: Floats, law: Law, grid: Grid) -> int:
 
 @njit(cache=True, error_model="numpy")
 def _find_slope(slope: Floats, height: Floats, law: Law, grid: Grid) -> None:
-    """S = theta - l d2h/dx2 at each cell's downhill edge; the last cell's is not used."""
+    """The slope s = theta - l d2h/dx2 at each cell's downhill edge; the last cell's is not used."""
     cells = height.size
     curvature = law.curvature_length / grid.dx
     for i in range(cells - 1):

@@ -75,7 +75,7 @@ def check(dataset: xr.Dataset) -> xr.Dataset:
         if name not in dataset.attrs:
             raise ArchiveError(f"attribute {name!r} is missing")
     if dataset.attrs["model"] not in MODELS:
-        raise ArchiveError(f"model = {dataset.attrs.get('model')!r}; allowed: {', '.join(MODELS)}")
+        raise ArchiveError(f"model = {dataset.attrs['model']!r}; allowed: {', '.join(MODELS)}")
     for variable in (COORDINATES | VARIABLES).values():
         if variable.name in dataset.variables:
             _check_variable(dataset[variable.name], variable)
