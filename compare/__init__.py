@@ -3,6 +3,7 @@
 Measurements and pictures see archives only; only the command line runs the models.
 """
 
+from compare.convergence import converge
 from compare.deposit import layers
 from compare.figure import draw
 from compare.kymograph import cycle_period, fronts, kinks
@@ -11,6 +12,7 @@ from compare.regimes import regime, segregation
 
 __all__ = [
     "compare",
+    "converge",
     "cycle_period",
     "draw",
     "fronts",

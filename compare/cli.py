@@ -1,11 +1,14 @@
 """The command line `stratify`: pour a mixture, compare the models, look at what came out."""
 
 import json
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from threading import Event
 
 import click
 import xarray as xr
@@ -14,13 +17,16 @@ from rich.progress import Progress
 
 import ca_model
 import continuum
+from compare.convergence import converge as converge_archives
+from compare.convergence import refinement_ratio
 from compare.figure import draw, save
 from compare.measurement import compare as compare_archives
-from compare.table import as_records, table
+from compare.table import as_records, convergence_record, convergence_table, table
 from experiment import (
     ArchiveError,
     Experiment,
     NotApplicableError,
+    SetupError,
     StratifyError,
     load,
     preset_names,
@@ -40,6 +46,10 @@ CHECK = {"ca_model": ca_model.check, "continuum": continuum.check}
 
 path_type = click.Path(path_type=Path)
 force_option = click.option("--force", is_flag=True, help="Replace files that are there already.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+set_option = click.option(
+    "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Change a field of the set-up."
+)
 
 
 @click.group(help=__doc__, context_settings={"help_option_names": ["-h", "--help"]})
@@ -75,9 +85,7 @@ def presets(name: str | None) -> None:
 @click.option(
     "-o", "--output", "folder", type=path_type, metavar="FOLDER", help="Default: pours/SETUP."
 )
-@click.option(
-    "--set", "settings", multiple=True, metavar="KEY=VALUE", help="Change a field of the set-up."
-)
+@set_option
 @force_option
 def pour(
     setup: str, model: str, folder: Path | None, settings: tuple[str, ...], force: bool
@@ -86,23 +94,21 @@ def pour(
 
     Example: stratify pour glass-sugar --set 'feed.inflow=[0.2,0.2]' -o pours/thicker
     """
-    experiment = load(setup, settings)
-    folder = folder or Path("pours") / Path(setup).stem
-    ca_model.Settings.parse(experiment.ca_model, "ca_model")
-    continuum.Resolution.parse(experiment.continuum, "continuum")
+    experiment = _load(setup, settings)
+    folder = folder or _folder_of(setup)
     models = _applicable(experiment, list(POUR) if model == "both" else [model])
     paths = {name: folder / f"{name}.nc" for name in models}
     refuse_existing(paths.values(), force=force)
     make_folder(folder)
     for name, path in paths.items():
-        with _progress(name) as progress:
+        with _bars() as bars, _progress(name, bars) as progress:
             archive = POUR[name](experiment, progress)
         _say(f"{name}: wrote {write(archive, path, force=force)}")
 
 
 @cli.command()
 @click.argument("folders", nargs=-1, required=True, type=path_type, metavar="FOLDER...")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
+@json_option
 @force_option
 def compare(folders: tuple[Path, ...], as_json: bool, force: bool) -> None:
     """Measure kinks and layers in each FOLDER that `pour` wrote; put the models side by side.
@@ -127,6 +133,54 @@ def compare(folders: tuple[Path, ...], as_json: bool, force: bool) -> None:
     for comparison in comparisons:
         for comment in comparison.attrs.get("comment", "").splitlines():
             _say(f"{comparison.attrs['title']}: {comment}")
+
+
+@cli.command()
+@click.argument("setup")
+@click.option(
+    "--cells",
+    default="100,200,400",
+    show_default=True,
+    metavar="N,N,N...",
+    help="Numbers of cells, three or more, that grow by one ratio.",
+)
+@click.option(
+    "-o",
+    "--output",
+    "path",
+    type=path_type,
+    metavar="FILE",
+    help="Default: pours/SETUP/convergence.nc.",
+)
+@set_option
+@json_option
+@force_option
+def converge(
+    setup: str,
+    cells: str,
+    path: Path | None,
+    settings: tuple[str, ...],
+    as_json: bool,
+    force: bool,
+) -> None:
+    """Pour SETUP by the continuum on finer and finer grids, and extrapolate what is measured.
+
+    Prints one table of the wavelength and the velocities of kinks and fronts, and writes FILE.
+
+    Example: stratify converge makse-stratification --cells 100,200,400,800
+    """
+    grids = _grids(setup, settings, cells)
+    path = path or _folder_of(setup) / "convergence.nc"
+    refuse_existing([path], force=force)
+    make_folder(path.parent)
+    console = _console(stderr=as_json)
+    convergence = converge_archives(_pour_grids(grids, console))
+    _say(f"wrote {write_whole(convergence, path, force=force)}", console)
+    if as_json:
+        click.echo(json.dumps(convergence_record(convergence), indent=2))
+        return
+    console.print(convergence_table(convergence))
+    _say(convergence.attrs["comment"])
 
 
 @cli.command()
@@ -192,27 +246,78 @@ def _read_all(folder: Path) -> list[xr.Dataset]:
     return [read(path) for path in there]
 
 
+def _load(setup: str, settings: tuple[str, ...]) -> Experiment:
+    """The set-up, its models' own tables read too, so that a slip in either is found at once."""
+    experiment = load(setup, settings)
+    ca_model.Settings.parse(experiment.ca_model, "ca_model")
+    continuum.Resolution.parse(experiment.continuum, "continuum")
+    return experiment
+
+
+def _folder_of(setup: str) -> Path:
+    return Path("pours") / Path(setup).stem
+
+
+def _grids(setup: str, settings: tuple[str, ...], cells: str) -> list[Experiment]:
+    """The set-up once for each number in `cells`, which is text such as 100,200,400."""
+    try:
+        numbers = [int(number) for number in cells.split(",")]
+    except ValueError:
+        raise SetupError(f"cells = {cells}: it should be numbers, as in 100,200,400") from None
+    refinement_ratio(numbers)
+    grids = [_load(setup, (*settings, f"continuum.cells={number}")) for number in numbers]
+    for grid in grids:
+        continuum.check(grid)
+    return grids
+
+
+def _pour_grids(grids: list[Experiment], console: Console) -> list[xr.Dataset]:
+    """The continuum's pour of each, on as many threads as there are processors."""
+    stopped = Event()
+    with _bars(console) as bars, ThreadPoolExecutor(os.cpu_count()) as pool:
+
+        def pour_grid(grid: Experiment) -> xr.Dataset:
+            with _progress(f"{grid.continuum['cells']} cells", bars) as progress:
+
+                def tell(share: float) -> None:
+                    if stopped.is_set():
+                        raise click.Abort
+                    progress(share)
+
+                return continuum.pour(grid, tell)
+
+        try:
+            longest_first = list(pool.map(pour_grid, reversed(grids)))
+        finally:
+            stopped.set()
+    return longest_first[::-1]
+
+
 @contextmanager
-def _progress(name: str) -> Iterator[Callable[[float], object] | None]:
-    """A bar on a terminal, a line elsewhere."""
+def _bars(console: Console | None = None) -> Iterator[Progress]:
+    """Where bars of progress are drawn, on a terminal only."""
+    console = console or _console()
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bars:
+        yield bars
+
+
+@contextmanager
+def _progress(name: str, bars: Progress) -> Iterator[Callable[[float], object]]:
+    """A bar while it pours, a line once it has."""
     started = time.perf_counter()
-    console = _console()
-    if console.is_terminal:
-        with Progress(console=console, transient=True) as bar:
-            task = bar.add_task(name, total=1.0)
-            yield lambda share: bar.update(task, completed=share)
-    else:
-        yield None
-    _say(f"{name}: poured in {time.perf_counter() - started:.1f} s")
+    task = bars.add_task(name, total=1.0)
+    yield lambda share: bars.update(task, completed=share)
+    _say(f"{name}: poured in {time.perf_counter() - started:.1f} s", bars.console)
 
 
-def _console() -> Console:
+def _console(*, stderr: bool = False) -> Console:
     """Where to print: as wide as the terminal, or as wide as the table needs."""
-    return Console(highlight=False, width=None if sys.stdout.isatty() else 100)
+    stream = sys.stderr if stderr else sys.stdout
+    return Console(highlight=False, stderr=stderr, width=None if stream.isatty() else 100)
 
 
-def _say(line: str) -> None:
-    _console().print(line, soft_wrap=True, markup=False)
+def _say(line: str, console: Console | None = None) -> None:
+    (console or _console()).print(line, soft_wrap=True, markup=False)
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from compare.regimes import regime, segregation
 from experiment import ArchiveError
 from experiment.archive import experiment_of
 
-__all__ = ["compare", "measure"]
+__all__ = ["compare", "measure", "refuse_unlike"]
 
 
 def measure(archive: xr.Dataset) -> xr.Dataset:
@@ -97,7 +97,7 @@ def compare(archives: Sequence[xr.Dataset]) -> xr.Dataset:
     A model is chosen by name, as in `comparison.sel(model_name="continuum")`. Raises
     :class:`ArchiveError` where the archives are of different pours.
     """
-    _refuse_unlike(archives)
+    refuse_unlike(archives)
     measured = xr.concat([measure(archive) for archive in archives], "model")
     measured = measured.assign_coords(
         model_name=("model", [archive.attrs["model"] for archive in archives])
@@ -130,7 +130,7 @@ def compare(archives: Sequence[xr.Dataset]) -> xr.Dataset:
     return measured.assign_attrs(notes)
 
 
-def _refuse_unlike(archives: Sequence[xr.Dataset]) -> None:
+def refuse_unlike(archives: Sequence[xr.Dataset]) -> None:
     """Only pours of one set-up can be set side by side; the models' own tables may differ."""
     first, *others = (experiment_of(archive) for archive in archives)
     for other in others:

@@ -1,4 +1,4 @@
-"""One table for people: model against model, and the published value beside them."""
+"""Tables for people: model against model beside the published value, and grid against grid."""
 
 import math
 
@@ -7,7 +7,9 @@ import xarray as xr
 from rich.table import Table
 from rich.text import Text
 
-__all__ = ["as_records", "table", "with_error"]
+from compare.convergence import QUANTITIES
+
+__all__ = ["as_records", "convergence_record", "convergence_table", "table", "with_error"]
 
 MOST_DIGITS = 4
 
@@ -57,6 +59,32 @@ def as_records(comparison: xr.Dataset) -> dict[str, object]:
     return record
 
 
+def convergence_table(convergence: xr.Dataset) -> Table:
+    """A row for each grid, then the observed orders, then what the columns tend to."""
+    heads = ("cells", "dx (cm)", *(ROWS[name] for name in QUANTITIES))
+    sheet = Table(*heads, title=Text(convergence.attrs["title"], style="bold"))
+    for cells in convergence["cells"].values:
+        grid = convergence.sel(cells=cells)
+        values = (with_error(*_value_and_error(grid, name)) for name in QUANTITIES)
+        sheet.add_row(str(cells), f"{grid['dx'].item():g}", *values)
+    sheet.add_section()
+    orders = (convergence[f"{name}_order"].item() for name in QUANTITIES)
+    sheet.add_row("order", "", *("-" if math.isnan(order) else f"{order:.2f}" for order in orders))
+    limits = (_value_and_error(convergence, f"{name}_extrapolated") for name in QUANTITIES)
+    sheet.add_row("limit", "0", *(with_error(*limit) for limit in limits))
+    return sheet
+
+
+def convergence_record(convergence: xr.Dataset) -> dict[str, object]:
+    """A convergence as plain numbers by name, for JSON: over the grids a list; None for NaN."""
+    record: dict[str, object] = {name: convergence.attrs[name] for name in ("title", "comment")}
+    for name in (*convergence.coords, *convergence.data_vars):
+        numbers = convergence[name].values.tolist()
+        over_grids = isinstance(numbers, list)
+        record[str(name)] = [_plain(n) for n in numbers] if over_grids else _plain(numbers)
+    return record
+
+
 def with_error(value: float, error: float) -> str:
     """A number with as many digits as its standard error warrants, such as 3.021 ± 0.002."""
     if not math.isfinite(value):
@@ -76,6 +104,10 @@ def _cell(comparison: xr.Dataset, name: str, model: str) -> str:
     error = f"{name}_error"
     known = error in comparison
     return with_error(value, comparison[error].sel(model_name=model).item() if known else np.nan)
+
+
+def _value_and_error(numbers: xr.Dataset, name: str) -> tuple[float, float]:
+    return numbers[name].item(), numbers[f"{name}_error"].item()
 
 
 def _published(comparison: xr.Dataset, name: str) -> str:
