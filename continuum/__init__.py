@@ -2,7 +2,7 @@
 
 from continuum.law import Law, interaction, law_of
 from continuum.run import Resolution, check, pour
-from continuum.steady_state import SteadyState, steady_state_of
+from continuum.theory.steady_state import SteadyState, steady_state_of
 
 __all__ = [
     "Law",

@@ -1,11 +1,11 @@
 """One step of the surface flow on a grid of cells, as a list of physical actions.
 
-    dR_a/dt = - v_a dR_a/dx + Gamma_a        dh/dt = - sum_a Gamma_a
-    s = theta - l d2h/dx2                    theta = - dh/dx
+    dR_a/dt = - v_a dR_a/dx + D d2R_a/dx2 + Gamma_a        dh/dt = - sum_a Gamma_a - w x
+    s = theta - l d2h/dx2,  theta = - dh/dx                w: turning rate of a drum
 
-Split in time (Godunov, first order). Advection: dt = dx / max v, so that species as fast as the
-fastest shift by exactly one cell; slower ones move by van Leer's limited, conservative scheme.
-Exchange: sub-steps dt' with v_c dt' / dx <= COURANT, v_c = gamma R (1 + 2 l / dx) the speed at
+Split in time (Godunov, first order). Transport: dt = dx / max v, so that species as fast as the
+fastest shift by exactly one cell; what slower ones and dispersion do stands in transport.py.
+Exchange, first order in time and space: sub-steps dt' with v_c dt' / dx <= COURANT, v_c = gamma R (1 + 2 l / dx) the speed at
 which a disturbance of the slope climbs; in each one all cells first find their slope from the
 heights of one instant, and only then exchange grains. (A cell that finished its exchange against a
 neighbour already a step ahead would err by (dh/dt) / v in the slope at every resolution.) The slope
@@ -18,55 +18,33 @@ of what the surface layer holds is found likewise. So thicknesses never turn neg
 input.
 
 The surface is a layer of thickness d (Hirano's active layer) that holds d phi_a of each species.
-What is captured mixes into it; what it then holds beyond d is buried in the deposit, and where it
-holds less the deposit below refills it. The deposit is kept in bins of height dz, the topmost being
-filled and those below it sealed, so erosion digs up what was buried. The rigid surface of before
-pouring counts as surface where the layer is thinner than d, and gives up no grains.
+What is captured mixes into it; what it then holds beyond d is buried, and where it holds less what
+was buried refills it (deposit.py). The rigid surface of before pouring counts as surface where the
+layer is thinner than d, and gives up no grains.
 
-Arrays are (species, cell); loops along the cells run in vector lanes, sealing and reopening of bins
-are rare and go cell by cell.
+Arrays are (species, cell), so that each loop runs along the cells, in vector lanes.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
+from continuum.deposit import bury_or_dig_up, is_nearly_full, total
 from continuum.law import (
     Law,
     find_amplification_rate,
     find_capture_rate,
     find_repose_slope,
 )
-from experiment.arrays import Floats, Ints
+from continuum.state import Flow, Grid
+from continuum.transport import advect, disperse
+from experiment.arrays import Floats
 
-__all__ = ["Flow", "Grid", "advance", "find_composition", "substeps_at"]
+__all__ = ["advance", "find_composition", "substeps_at"]
 
 
 COURANT = 0.25
-TINY = 1e-300  # cm; keeps 0 / 0 away where a bin is empty
-
-
-class Grid(NamedTuple):
-    """Cells of width dx, a step of dt, bins of height dz."""
-
-    dx: float  # cm
-    dt: float  # s
-    dz: float  # cm
-
-
-class Flow(NamedTuple):
-    """The state of a pour, changed in place by :func:`advance`."""
-
-    height: Floats  # (cell,) cm
-    rolling: Floats  # (species, cell) cm; after a step: at the cell's downhill edge
-    surface: Floats  # (species, cell) cm; what the surface layer holds
-    filling: Floats  # (species, cell) cm; what the bin below it holds, which is being filled
-    deposit: Floats  # (species, cell, bin) cm; the sealed bins
-    top: Ints  # (cell,) the place of the bin that is being filled
-    rigid: Floats  # (cell,) cm; how much of bin 0 the surface of before pouring takes up
-    rigid_fraction: Floats  # (species,) its composition
 
 
 @njit(cache=True, nogil=True)
@@ -79,16 +57,20 @@ def advance(flow: Flow, law: Law, grid: Grid, velocity: Floats, inflow: Floats) 
     slope = np.empty(flow.height.size)
     most = 0
     for step in range(inflow.shape[0]):
-        if _deposit_is_nearly_full(flow, grid, inflow[step]):
+        if is_nearly_full(flow, grid, inflow[step]):
             return step, most
-        _advect(flow.rolling, velocity, inflow[step])
+        advect(flow, grid, velocity, inflow[step])
+        disperse(flow.rolling, law.dispersion, grid)
         substeps = _count_substeps(flow.rolling, law, grid)
         most = max(most, substeps)
         for k in range(substeps):
             _find_slope(slope, flow.height, law, grid)
-            _exchange(flow, slope, law, grid.dt / substeps)
-            _capture_at_wall(flow, 1.0 / (substeps - k))
-            _bury_or_dig_up(flow, law, grid)
+            _exchange(flow, slope, law, grid, grid.dt / substeps)
+            if math.isnan(grid.lip):
+                _capture_at_wall(flow, 1.0 / (substeps - k))
+            bury_or_dig_up(flow, law.surface_depth, grid)
+            if grid.turning_rate > 0.0:
+                _turn(flow.height, grid, grid.dt / substeps)
     return inflow.shape[0], most
 
 
@@ -99,49 +81,11 @@ def find_composition(phi: Floats, surface: Floats, rigid_fraction: Floats, depth
     What a layer lacks of its depth is rigid surface of composition `rigid_fraction` (species,).
     """
     species, cells = surface.shape
-    held = _total(surface)
+    held = total(surface)
     for a in range(species):
         for i in range(cells):
             bare = max(depth - held[i], 0.0)
             phi[a, i] = (surface[a, i] + bare * rigid_fraction[a]) / (held[i] + bare)
-
-
-@njit(cache=True, error_model="numpy")
-def _advect(rolling: Floats, velocity: Floats, inflow: Floats) -> None:
-    species, cells = rolling.shape
-    for a in range(species):
-        nu = velocity[a] / velocity.max()
-        if nu == 1.0:
-            for i in range(cells - 1, 0, -1):
-                rolling[a, i] = rolling[a, i - 1]
-            rolling[a, 0] = inflow[a]
-        else:
-            _advect_slower(rolling[a], nu, inflow[a])
-
-
-@njit(cache=True, error_model="numpy")
-def _advect_slower(thickness: Floats, nu: float, inflow: float) -> None:
-    """Van Leer's scheme for a Courant number nu < 1; nothing leaves through the wall."""
-    cells = thickness.size
-    arriving = nu * inflow
-    uphill, here = inflow, thickness[0]
-    for i in range(cells):
-        leaving = 0.0
-        downhill = here
-        if i < cells - 1:
-            downhill = thickness[i + 1]
-            leaving = nu * (here + 0.5 * (1.0 - nu) * _van_leer(here - uphill, downhill - here))
-        thickness[i] = here + (arriving - leaving)
-        arriving = leaving
-        uphill, here = here, downhill
-
-
-@njit(cache=True, error_model="numpy")
-def _van_leer(behind: float, ahead: float) -> float:
-    """The harmonic mean of two differences of one sign; 0 at an extremum."""
-    if behind * ahead <= 0.0:
-        return 0.0
-    return 2.0 * behind * ahead / (behind + ahead)
 
 
 @njit(cache=True, error_model="numpy")
@@ -164,18 +108,18 @@ def _count_substeps(rolling: Floats, law: Law, grid: Grid) -> int:
 
 @njit(cache=True, error_model="numpy")
 def _find_slope(slope: Floats, height: Floats, law: Law, grid: Grid) -> None:
-    """The slope s = theta - l d2h/dx2 at each cell's downhill edge; the last cell's is not used."""
-    cells = height.size
+    """The slope s = theta - l d2h/dx2 at each cell's downhill edge; a wall's is not used."""
+    last = height.size - 1
     curvature = law.curvature_length / grid.dx
-    for i in range(cells - 1):
+    for i in range(last):
         theta = (height[i] - height[i + 1]) / grid.dx
         uphill = theta if i == 0 else (height[i - 1] - height[i]) / grid.dx
         slope[i] = theta - curvature * (uphill - theta)
-    slope[cells - 1] = 0.0
+    slope[last] = 0.0 if math.isnan(grid.lip) else (height[last] - grid.lip) / (0.5 * grid.dx)
 
 
 @njit(cache=True, error_model="numpy")
-def _exchange(flow: Flow, slope: Floats, law: Law, dt: float) -> None:
+def _exchange(flow: Flow, slope: Floats, law: Law, grid: Grid, dt: float) -> None:
     shape = flow.rolling.shape
     phi, theta = np.empty(shape), np.empty(shape)
     captured, amplified, settled = np.empty(shape), np.empty(shape), np.empty(shape)
@@ -183,9 +127,10 @@ def _exchange(flow: Flow, slope: Floats, law: Law, dt: float) -> None:
     find_repose_slope(theta, phi, law)
     find_capture_rate(captured, theta, slope, law)
     find_amplification_rate(amplified, theta, slope, flow.rolling, law)
+    exchanging = flow.height.size - (1 if math.isnan(grid.lip) else 0)
     for a in range(len(settled)):
         _settle(settled[a], captured[a], amplified[a], flow.rolling[a], flow.surface[a], law, dt)
-        for i in range(flow.height.size - 1):
+        for i in range(exchanging):
             flow.rolling[a, i] -= settled[a, i]
             flow.surface[a, i] += settled[a, i]
             flow.height[i] += settled[a, i]
@@ -230,83 +175,9 @@ def _capture_at_wall(flow: Flow, share: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _bury_or_dig_up(flow: Flow, law: Law, grid: Grid) -> None:
-    """Bring each cell's surface layer back to its depth d, as far as the deposit can."""
-    species, cells = flow.surface.shape
-    depth = law.surface_depth
-    held, filled = _total(flow.surface), _total(flow.filling)
-    buried, dug = np.empty(cells), np.empty(cells)
-    for i in range(cells):
-        wanted = max(depth - held[i], 0.0)
-        buried[i] = max(held[i] - depth, 0.0) / max(held[i], depth)
-        dug[i] = wanted / max(wanted, filled[i], TINY)
-    for a in range(species):
-        for i in range(cells):
-            moved = buried[i] * flow.surface[a, i] - dug[i] * flow.filling[a, i]
-            flow.surface[a, i] -= moved
-            flow.filling[a, i] += moved
-    for i in range(cells):
-        if held[i] + filled[i] < depth:
-            _reopen(flow, i, depth - held[i] - filled[i])
-        elif held[i] + filled[i] > depth + _capacity(flow, i, grid.dz):
-            _seal(flow, i, grid.dz)
-
-
-@njit(cache=True, error_model="numpy")
-def _total(thickness: Floats) -> Floats:
-    """Sum over species (cell,) of thicknesses (species, cell)."""
-    total = thickness[0].copy()
-    for a in range(1, thickness.shape[0]):
-        for i in range(total.size):
-            total[i] += thickness[a, i]
-    return total
-
-
-@njit(cache=True, inline="always")
-def _capacity(flow: Flow, i: int, dz: float) -> float:
-    """What the bin that cell i is filling can hold; the lowest one is partly rigid."""
-    return dz - flow.rigid[i] if flow.top[i] == 0 else dz
-
-
-@njit(cache=True, error_model="numpy")
-def _seal(flow: Flow, i: int, dz: float) -> None:
-    """Close the bins of cell i that are full, and go on filling the one above them."""
-    filled = flow.filling[:, i].sum()
-    while filled > _capacity(flow, i, dz):
-        capacity = _capacity(flow, i, dz)
-        for a in range(flow.filling.shape[0]):
-            sealed = capacity / filled * flow.filling[a, i]
-            flow.filling[a, i] -= sealed
-            flow.deposit[a, i, flow.top[i]] = sealed
-        flow.top[i] += 1
-        filled -= capacity
-
-
-@njit(cache=True, error_model="numpy")
-def _reopen(flow: Flow, i: int, wanted: float) -> None:
-    """Refill the surface layer of cell i by `wanted` from the sealed bins, as far as they go."""
-    while wanted > 0.0 and flow.top[i] > 0:
-        flow.top[i] -= 1
-        opened = flow.deposit[:, i, flow.top[i]]
-        filled = opened.sum()
-        dug = wanted / max(wanted, filled)
-        for a in range(opened.size):
-            moved = dug * opened[a]
-            flow.surface[a, i] += moved
-            flow.filling[a, i] += opened[a] - moved
-            opened[a] = 0.0
-        wanted -= filled
-
-
-@njit(cache=True, error_model="numpy")
-def _deposit_is_nearly_full(flow: Flow, grid: Grid, inflow: Floats) -> bool:
-    """Whether some cell could outgrow its bins within a step: all that can reach it, captured."""
-    species, cells, bins = flow.deposit.shape
-    for i in range(cells):
-        arriving = 0.0
-        for a in range(species):
-            uphill = flow.rolling[a, i - 1] if i > 0 else inflow[a]
-            arriving += flow.rolling[a, i] + uphill
-        if flow.top[i] + 2 + arriving / grid.dz >= bins:
-            return True
-    return False
+def _turn(height: Floats, grid: Grid, dt: float) -> None:
+    """A drum turns by w dt: its body rises on the uphill side of the middle, x < 0, and sinks on
+    the other."""
+    middle = 0.5 * (height.size - 1)
+    for i in range(height.size):
+        height[i] -= grid.turning_rate * (i - middle) * grid.dx * dt

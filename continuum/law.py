@@ -41,6 +41,7 @@ class Law(NamedTuple):
     smoothing: float  # 1
     surface_depth: float  # cm
     curvature_length: float  # cm
+    dispersion: float = 0.0  # cm2/s
 
 
 def law_of(mixture: Mixture) -> Law:

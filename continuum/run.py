@@ -1,15 +1,19 @@
 """A pour by the surface-flow equations: set-up, schedule of records, archive."""
 
-import math
 from collections.abc import Callable
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 import xarray as xr
 from pydantic import Field
 
-from continuum.kernel import Flow, Grid, advance, find_composition, substeps_at
+from continuum.kernel import substeps_at
 from continuum.law import Law, law_of
+from continuum.limiters import LIMITERS
+from continuum.section import section_of_drum, section_of_pile
+from continuum.slopes import Slope, across, slopes_of
+from continuum.state import Grid
+from continuum.transport import dispersion_substeps
 from experiment import Experiment, SetupError
 from experiment.archive import assemble
 from experiment.arrays import Floats
@@ -19,8 +23,8 @@ from experiment.recorder import Recorder, record_steps, times_of_steps
 __all__ = ["Resolution", "check", "pour"]
 
 
-FIRST_BINS = 64
 MOST_SUBSTEPS = 100_000
+MANY_SUBSTEPS = 20
 
 
 class Resolution(Part):
@@ -28,6 +32,7 @@ class Resolution(Part):
 
     cells: Annotated[int, Field(strict=True, ge=3, le=1_000_000)] = 200
     bins_per_depth: Annotated[int, Field(strict=True, ge=1, le=100)] = 2  # deposit bins in d
+    limiter: Literal["minmod", "van_leer", "monotonized_central", "superbee"] = "van_leer"
 
     def grid(self, experiment: Experiment) -> Grid:
         """The grid for a set-up: dt is the time in which the fastest species crosses a cell."""
@@ -36,21 +41,40 @@ class Resolution(Part):
             dx=dx,
             dt=dx / max(experiment.mixture.drift_velocity),
             dz=experiment.mixture.surface_depth / self.bins_per_depth,
+            limiter=LIMITERS.index(self.limiter),
         )
 
 
 def check(experiment: Experiment) -> None:
     """Raise what :func:`pour` would raise, without pouring."""
-    grid = Resolution.parse(experiment.continuum, "continuum").grid(experiment)
+    resolution = Resolution.parse(experiment.continuum, "continuum")
+    grid = resolution.grid(experiment)
     law = law_of(experiment.mixture)
     record_steps(experiment.pour, grid.dt)
-    fastest = law.collision_rate.max(axis=1) @ experiment.feed.mean_inflow
-    substeps = substeps_at(float(fastest), law, grid)
-    if substeps > MOST_SUBSTEPS:
+    if experiment.cell.shape == "drum" and resolution.cells % 2:
         raise SetupError(
-            f"mixture.collision_rate = {law.collision_rate.tolist()}: with this feed each step of "
-            f"{grid.dt:.2g} s needs {substeps:.2g} sub-steps; at most {MOST_SUBSTEPS} are allowed"
+            f"continuum.cells = {resolution.cells}: it should be even in a drum, the axis an edge"
         )
+    needed = {
+        "mixture.collision_rate": substeps_at(_busiest_rate(experiment, law), law, grid),
+        "mixture.dispersion": dispersion_substeps(law.dispersion, grid),
+    }
+    for name, substeps in needed.items():
+        if substeps > MOST_SUBSTEPS:
+            value = getattr(experiment.mixture, name.partition(".")[2])
+            raise SetupError(
+                f"{name} = {value}: each step of {grid.dt:.2g} s needs {substeps:.2g} sub-steps "
+                f"at the most; at most {MOST_SUBSTEPS} are allowed"
+            )
+
+
+def _busiest_rate(experiment: Experiment, law: Law) -> float:
+    """Gamma R [cm/s] where the flow is thickest: at the pouring point, or a drum's axis."""
+    fastest = law.collision_rate.max(axis=1)
+    if experiment.cell.turning_rate is None:
+        return float(fastest @ experiment.feed.largest_inflow)
+    lifted = experiment.cell.turning_rate * (experiment.cell.length / 2) ** 2 / 2
+    return float(fastest.max() * lifted / min(experiment.mixture.drift_velocity))
 
 
 def pour(experiment: Experiment, progress: Callable[[float], object] | None = None) -> xr.Dataset:
@@ -63,112 +87,65 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     law = law_of(experiment.mixture)
     resolution = Resolution.parse(experiment.continuum, "continuum")
     grid = resolution.grid(experiment)
-    x = (np.arange(resolution.cells) + 0.5) * grid.dx
     velocity = np.array(experiment.mixture.drift_velocity)
-    base = experiment.cell.base_height(x)
-    flow = _still(experiment, base, grid)
+    slopes = slopes_of(experiment, grid, resolution.cells, law)
     steps = record_steps(experiment.pour, grid.dt)
-    recorder = Recorder(len(steps), len(x), experiment.mixture.species)
-    poured = np.zeros(experiment.mixture.species)
+    recorder = Recorder(len(steps), len(slopes) * resolution.cells, experiment.mixture.species)
+    poured = sum(slope.volume_at_rest for slope in slopes)
     most = 0
     done = 0
     for record, step in enumerate(steps):
         for times in times_of_steps(done, step, grid.dt):
             inflow = experiment.feed.thickness(times)
-            flow, substeps = _advance_all(flow, law, grid, velocity, inflow)
-            most = max(most, substeps)
-            poured += inflow.sum(axis=0) * velocity * grid.dt
+            most = max([most, *(slope.advance(velocity, inflow) for slope in slopes)])
+            poured = poured + len(slopes) * inflow.sum(axis=0) * velocity * grid.dt
         done = step
-        _record(recorder, record, step * grid.dt, flow, law, grid, poured)
+        _record(recorder, record, step * grid.dt, slopes, poured)
         if progress is not None:
             progress((record + 1) / len(steps))
-    z, deposit_fraction = _deposit_fraction(flow, base, grid)
-    arrays = recorder.arrays | {
-        "x": x,
-        "z": z,
-        "base_height": base,
-        "deposit_fraction": deposit_fraction,
-    }
-    notes = {"cell_width_cm": grid.dx, "time_step_s": grid.dt, "largest_substep_count": most}
-    return assemble(experiment, "continuum", arrays, notes)
-
-
-def _still(experiment: Experiment, base: Floats, grid: Grid) -> Flow:
-    """The surface before pouring: nothing rolls, nothing is deposited."""
-    shape = (experiment.mixture.species, len(base))
-    return Flow(
-        height=base.copy(),
-        rolling=np.zeros(shape),
-        surface=np.zeros(shape),
-        filling=np.zeros(shape),
-        deposit=np.zeros((*shape, FIRST_BINS)),
-        top=np.zeros(len(base), dtype=np.int64),
-        rigid=base - grid.dz * np.floor(base / grid.dz),
-        rigid_fraction=np.array(experiment.start_composition),
-    )
-
-
-def _advance_all(
-    flow: Flow, law: Law, grid: Grid, velocity: Floats, inflow: Floats
-) -> tuple[Flow, int]:
-    """Take all steps of `inflow`, adding bins to the deposit as the pile outgrows them."""
-    most = 0
-    while True:
-        steps, substeps = advance(flow, law, grid, velocity, inflow)
-        most = max(most, substeps)
-        inflow = inflow[steps:]
-        if not len(inflow):
-            return flow, most
-        flow = flow._replace(
-            deposit=np.concatenate([flow.deposit, np.zeros_like(flow.deposit)], axis=2)
-        )
+    arrays = recorder.arrays | _section(experiment, slopes)
+    return assemble(experiment, "continuum", arrays, _notes(grid, most))
 
 
 def _record(
-    recorder: Recorder, record: int, time: float, flow: Flow, law: Law, grid: Grid, poured: Floats
+    recorder: Recorder, record: int, time: float, slopes: list[Slope], poured: Floats
 ) -> None:
-    phi = np.empty_like(flow.surface)
-    find_composition(phi, flow.surface, flow.rigid_fraction, law.surface_depth)
-    at_rest = (flow.surface + flow.filling + flow.deposit.sum(axis=2)).sum(axis=1)
+    dx = slopes[0].grid.dx
     recorder.keep(
         record,
         time=time,
-        height=flow.height,
-        rolling_thickness=flow.rolling.T,
-        surface_fraction=phi.T,
+        height=across(slopes, lambda slope: slope.flow.height),
+        rolling_thickness=across(slopes, lambda slope: slope.flow.rolling).T,
+        surface_fraction=across(slopes, lambda slope: slope.composition).T,
         poured_volume=poured,
-        rolling_volume=flow.rolling.sum(axis=1) * grid.dx,
-        deposited_volume=at_rest * grid.dx,
+        rolling_volume=sum(slope.flow.rolling.sum(axis=1) for slope in slopes) * dx,
+        deposited_volume=sum(slope.volume_at_rest for slope in slopes),
+        outflow_volume=sum(slope.flow.outflow for slope in slopes) * dx,
     )
 
 
-def _deposit_fraction(flow: Flow, base: Floats, grid: Grid) -> tuple[Floats, Floats]:
-    """Composition of what was poured, (z, x, species), on bins of height dz above the floor."""
-    species, cells, _ = flow.deposit.shape
-    first = np.floor(base / grid.dz).astype(np.int64)
-    layer_bins = math.ceil(float(flow.surface.sum(axis=0).max()) / grid.dz) + 1
-    volume = np.zeros((species, cells, int((first + flow.top).max()) + 1 + layer_bins))
-    for i in range(cells):
-        used = int(flow.top[i]) + 1
-        column = np.zeros((species, used + layer_bins))
-        column[:, : used - 1] = flow.deposit[:, i, : used - 1]
-        column[:, used - 1] = flow.filling[:, i]
-        _lay_on_top(column, flow.surface[:, i], used - 1, flow.rigid[i], grid.dz)
-        volume[:, i, first[i] : first[i] + used + layer_bins] = column
-    total = volume.sum(axis=0)
-    fraction = np.full_like(volume, np.nan)
-    np.divide(volume, total, out=fraction, where=total > 0)
-    z = (np.arange(volume.shape[2]) + 0.5) * grid.dz
-    return z, fraction.transpose(2, 1, 0)
+def _section(experiment: Experiment, slopes: list[Slope]) -> dict[str, Floats]:
+    if experiment.cell.shape == "drum":
+        z, fraction = section_of_drum(slopes[0], experiment.cell.length / 2)
+    else:
+        z, fraction = section_of_pile(slopes)
+    return {
+        "x": across(slopes, lambda slope: slope.x),
+        "z": z,
+        "base_height": across(slopes, lambda slope: slope.base),
+        "deposit_fraction": fraction,
+    }
 
 
-def _lay_on_top(column: Floats, layer: Floats, top: int, rigid: float, dz: float) -> None:
-    """Put the surface layer (species,) onto a column (species, bin), from bin `top` up."""
-    left = layer.sum()
-    mixture = layer / left if left > 0 else layer
-    while left > 0 and top < column.shape[1]:
-        room = dz - column[:, top].sum() - (rigid if top == 0 else 0.0)
-        part = min(max(room, 0.0), left)
-        column[:, top] += part * mixture
-        left -= part
-        top += 1
+def _notes(grid: Grid, most: int) -> dict[str, object]:
+    notes: dict[str, object] = {
+        "cell_width_cm": grid.dx,
+        "time_step_s": grid.dt,
+        "largest_substep_count": most,
+    }
+    if most > MANY_SUBSTEPS:
+        notes["comment"] = (
+            f"a step of {grid.dt:.3g} s took up to {most} sub-steps, for a disturbance of the slope "
+            "climbs that much faster than the grains roll"
+        )
+    return notes

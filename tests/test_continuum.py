@@ -7,46 +7,12 @@ from hypothesis import strategies as st
 
 import continuum
 from continuum import law_of
-from continuum.kernel import Flow, Grid, advance, find_composition
-from continuum.law import Law, interaction, positive_part
+from continuum.kernel import advance, find_composition
+from continuum.law import interaction, positive_part
+from continuum.state import Grid
 from experiment import Experiment, Mixture, NotApplicableError, SetupError, load, preset_text
 from experiment.experiment import parse_toml, set_values
-
-
-def law_with(species: int = 2, **changes: object) -> Law:
-    base = Law(
-        repose_slope=np.array([[1.0, 1.55, 1.6], [0.7, 1.25, 1.4], [0.5, 0.9, 1.3]]),
-        collision_rate=np.array([[1.0, 0.2, 0.3], [0.1, 2.0, 0.4], [0.5, 0.6, 3.0]]),
-        cross_amplification=np.zeros((3, 3)),
-        smoothing=0.0,
-        surface_depth=0.1,
-        curvature_length=0.1,
-    )
-    cut = {
-        name: getattr(base, name)[:species, :species].copy()
-        for name in ("repose_slope", "collision_rate", "cross_amplification")
-    }
-    return base._replace(**cut)._replace(**changes)
-
-
-def still(law: Law, cells: int, bins: int = 200, base: np.ndarray | None = None) -> Flow:
-    species = len(law.repose_slope)
-    return Flow(
-        height=np.zeros(cells) if base is None else base.copy(),
-        rolling=np.zeros((species, cells)),
-        surface=np.zeros((species, cells)),
-        filling=np.zeros((species, cells)),
-        deposit=np.zeros((species, cells, bins)),
-        top=np.zeros(cells, dtype=np.int64),
-        rigid=np.zeros(cells),
-        rigid_fraction=np.eye(species)[0],
-    )
-
-
-def volume(flow: Flow) -> np.ndarray:
-    """Rolling, surface and deposit of each species, in units of dx."""
-    held = flow.rolling + flow.surface + flow.filling + flow.deposit.sum(axis=2)
-    return held.sum(axis=1)
+from flows import law_with, still, take, volume
 
 
 @pytest.mark.parametrize("slope", [0.5, 0.9, 1.3, 1.9])
@@ -103,26 +69,13 @@ def test_each_species_is_conserved_over_1e5_steps_with_erosion(cross: float) -> 
     eroded = 0.0
     for k in range(1, 2001):
         before = flow.height.copy()
-        flow, taken = more(flow, law, grid, velocity, inflow)
-        assert taken == steps
+        flow = take(flow, law, grid, velocity, inflow)
         eroded += float((before - flow.height).clip(0).sum())
         assert min(flow.rolling.min(), flow.surface.min(), flow.filling.min()) >= 0
         if k % 200 == 0:
-            assert flow.deposit.min() >= 0
+            assert flow.tape.min() >= 0
             np.testing.assert_allclose(volume(flow), 0.5 * steps * k, rtol=1e-12)
     assert eroded > 100 * law.surface_depth, "many times the surface layer was dug up"
-
-
-def more(flow: Flow, law: Law, grid: Grid, velocity: np.ndarray, inflow: np.ndarray):
-    """Take all steps, with more bins where the pile needs them."""
-    taken = 0
-    while taken < len(inflow):
-        done, _ = advance(flow, law, grid, velocity, inflow[taken:])
-        taken += done
-        if taken < len(inflow):
-            bins = np.zeros_like(flow.deposit)
-            flow = flow._replace(deposit=np.concatenate([flow.deposit, bins], axis=2))
-    return flow, taken
 
 
 @settings(max_examples=60, deadline=None)
@@ -148,12 +101,12 @@ def test_any_mixture_keeps_its_volume_positive_thicknesses_and_fractions(
     inflow = np.tile(random.uniform(0, 1, species), (400, 1))
     base = random.uniform(0, 3) * np.arange(20)[::-1] * 0.5
     flow = still(law, 20, bins=50, base=base)
-    flow, _ = more(flow, law, Grid(0.5, 0.5 / velocity.max(), 0.1), velocity, inflow)
+    flow = take(flow, law, Grid(0.5, 0.5 / velocity.max(), 0.1), velocity, inflow)
     poured = inflow.sum(axis=0) * velocity / velocity.max()
     np.testing.assert_allclose(volume(flow), poured, rtol=1e-12, atol=1e-12)
     assert min(flow.rolling.min(), flow.surface.min(), flow.filling.min()) >= 0
-    assert flow.deposit.min() >= 0
-    at_rest = (flow.surface + flow.filling + flow.deposit.sum(axis=2)).sum(axis=0)
+    assert flow.tape.min() >= 0
+    at_rest = (flow.surface + flow.filling + flow.tape.sum(axis=2)).sum(axis=0)
     np.testing.assert_allclose(flow.height - base, at_rest, rtol=1e-9, atol=1e-9)
     phi = np.empty_like(flow.surface)
     find_composition(phi, flow.surface, flow.rigid_fraction, law.surface_depth)
@@ -166,16 +119,16 @@ def test_erosion_digs_up_what_was_buried_last_first() -> None:
     law = law_with(2, repose_slope=np.zeros((2, 2)), surface_depth=0.1, curvature_length=0.0)
     flow = still(law, 3)
     flow.height[:] = [3.0, 0.0, 0.0]
-    flow.deposit[1, 0, :10] = 0.1
-    flow.deposit[0, 0, 10:15] = 0.1
-    flow.top[0] = 15
+    flow.tape[1, 0, :10] = 0.1
+    flow.tape[0, 0, 10:15] = 0.1
+    flow.top[0] = flow.sealed[0] = 15
     flow.surface[0, 0] = 0.1
     dug = np.zeros(2)
     order = []
     for _ in range(60):
         advance(flow, law, Grid(1.0, 0.1, 0.1), np.ones(2), np.array([[0.3, 0.0]]))
         flow.height[:] = [3.0, 0.0, 0.0]
-        held = (flow.surface + flow.filling + flow.deposit.sum(axis=2))[:, 0]
+        held = (flow.surface + flow.filling + flow.tape.sum(axis=2))[:, 0]
         order.append(held.copy())
         dug = np.array([0.6, 1.0]) - held
     small, large = np.array(order).T

@@ -12,19 +12,27 @@ Region B, x_m <= x <= L, where theta < theta_2 < theta_1, with u = R_1 / R:
     phi_1 = u (1 + R_2 L / (r R0))
     theta = theta_22 - m phi_1 + (psi R_1 L / R0 - v / gamma) / (L - x)
 
+The paper's simplified forms, for R1_0 = R2_0 and r << L, are :class:`SimplifiedSteadyState`:
+
+    above x_m as before;   below  phi_1 = exp(-(x - x_m) / r),  R_1 = 2 (r / L) phi_1 R,
+                                  theta = theta_22 - m phi_1 - v / (gamma (L - x))
+
+They are only O(r / L): theta jumps by -v / (gamma (L - x_m)) at x_m, for one.
+
 It holds for equal v, gamma_11 = gamma_22, theta_12 - theta_11 = theta_22 - theta_21 and l = 0.
 Region A ends where theta falls to theta_2(phi_1 = 1) = theta_21; the paper's text has
 theta_1(phi_2 = 1) there.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Self
 
 import numpy as np
 
 from experiment import Experiment, NotApplicableError
 from experiment.arrays import Floats
 
-__all__ = ["SteadyState", "steady_state_of"]
+__all__ = ["SimplifiedSteadyState", "SteadyState", "steady_state_of"]
 
 
 @dataclass(frozen=True)
@@ -97,6 +105,39 @@ class SteadyState:
         excess = self.psi * rolling_1 * scale - self.velocity / self.rate
         below = self.theta_22 - m * phi_1 + excess / (self.length - x)
         return np.where(x < self.middle, above, below)
+
+
+@dataclass(frozen=True)
+class SimplifiedSteadyState(SteadyState):
+    """The paper's forms for equal volumes and r << L: Eqs. (simple-up) and (simple-down)."""
+
+    @classmethod
+    def of(cls, state: SteadyState) -> Self:
+        """The simplified form of `state`. Raises :class:`NotApplicableError` for R1_0 != R2_0."""
+        if state.inflow[0] != state.inflow[1]:
+            raise NotApplicableError(
+                f"feed.inflow = {list(state.inflow)}: the simplified forms hold for equal inflows"
+            )
+        return cls(**{field.name: getattr(state, field.name) for field in fields(state)})
+
+    def small_share(self, x: Floats) -> Floats:
+        """U = R_1 / R (cell,)."""
+        below = 2.0 * self.mixing_length / self.length * self._decay(x)
+        return np.where(x < self.middle, super().small_share(x), below)
+
+    def surface_fraction(self, x: Floats) -> Floats:
+        """phi_1 and phi_2 (cell, species)."""
+        phi_1 = np.where(x < self.middle, 1.0, self._decay(x))
+        return np.stack([phi_1, 1.0 - phi_1], axis=-1)
+
+    def slope(self, x: Floats) -> Floats:
+        """Theta (cell,), for 0 <= x < L."""
+        m = self.theta_22 - self.theta_11 + self.psi
+        below = self.theta_22 - m * self._decay(x) - self.velocity / (self.rate * (self.length - x))
+        return np.where(x < self.middle, super().slope(x), below)
+
+    def _decay(self, x: Floats) -> Floats:
+        return np.asarray(np.exp(-np.maximum(x - self.middle, 0.0) / self.mixing_length))
 
 
 def steady_state_of(experiment: Experiment) -> SteadyState:

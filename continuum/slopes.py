@@ -1,0 +1,144 @@
+"""The slopes that a cell is made of, before pouring, and how they lie in the archive.
+
+A silo is one slope. A heap is two that share nothing but the pouring point, each with its own feed.
+A drum is one, from rim to rim, with the body below it: x = 0 is the axis, heights count from there.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from continuum.kernel import advance, find_composition
+from continuum.law import Law
+from continuum.state import Flow, Grid, with_more_bins
+from experiment import Cell, Experiment
+from experiment.arrays import Floats
+
+__all__ = ["Slope", "across", "slopes_of"]
+
+
+FIRST_BINS = 64
+SPARE_BINS = 1.5  # of a drum's half ring, for its surface to swing
+
+
+@dataclass
+class Slope:
+    """One slope of the pile and its state; x and base run downhill."""
+
+    x: Floats  # (cell,) cm; as in the archive
+    base: Floats  # (cell,) cm; height before pouring
+    grid: Grid
+    flow: Flow
+    law: Law
+
+    def advance(self, velocity: Floats, inflow: Floats) -> int:
+        """Take a step per row of `inflow` (step, species) [cm]; the most sub-steps one needed."""
+        most = 0
+        while len(inflow):
+            steps, substeps = advance(self.flow, self.law, self.grid, velocity, inflow)
+            most = max(most, substeps)
+            inflow = inflow[steps:]
+            if len(inflow):
+                self.flow = with_more_bins(self.flow)
+        return most
+
+    @property
+    def composition(self) -> Floats:
+        """phi_a (species, cell) of the surface."""
+        phi = np.empty_like(self.flow.surface)
+        depth = self.law.surface_depth
+        find_composition(phi, self.flow.surface, self.flow.rigid_fraction, depth)
+        return phi
+
+    @property
+    def volume_at_rest(self) -> Floats:
+        """Volume (species,) [cm2] of what was poured and lies still."""
+        lying = (self.flow.surface + self.flow.filling).sum(axis=1) + self.flow.tape.sum(axis=(1, 2))
+        return np.asarray(lying * self.grid.dx)
+
+
+def across(slopes: list[Slope], values: Callable[[Slope], Floats]) -> Floats:
+    """`values` (..., cell) of all slopes in the order of the archive, x growing."""
+    parts = [values(slope)[..., :: _direction(slope)] for slope in slopes]
+    return np.concatenate(parts, axis=-1)
+
+
+def _direction(slope: Slope) -> int:
+    return 1 if slope.x[-1] > slope.x[0] else -1
+
+
+def slopes_of(experiment: Experiment, grid: Grid, cells: int, law: Law) -> list[Slope]:
+    """The slopes of the experiment's cell before pouring, in the order of the archive."""
+    cell = experiment.cell
+    downhill = (np.arange(cells) + 0.5) * grid.dx
+    if cell.shape == "drum":
+        x = downhill - 0.5 * cell.length
+        grid = grid._replace(turning_rate=cell.turning_rate)
+        return [Slope(x, cell.base_height(x), grid, _half_full(experiment, x, grid, law), law)]
+    directions = (-1, 1) if cell.shape == "heap" else (1,)
+    return [_bare_slope(experiment, direction * downhill, grid, law) for direction in directions]
+
+
+def _bare_slope(experiment: Experiment, x: Floats, grid: Grid, law: Law) -> Slope:
+    """A slope on which nothing rolls and nothing was poured."""
+    base = experiment.cell.base_height(x)
+    if experiment.cell.end == "open":
+        grid = grid._replace(lip=_lip(experiment.cell, x))
+    species, cells = experiment.mixture.species, len(x)
+    shape = (species, cells)
+    flow = Flow(
+        height=base.copy(),
+        rolling=np.zeros(shape),
+        surface=np.zeros(shape),
+        filling=np.zeros(shape),
+        tape=np.zeros((*shape, FIRST_BINS)),
+        row=np.arange(cells),
+        up=np.ones(cells, dtype=np.int64),
+        top=np.zeros(cells, dtype=np.int64),
+        sealed=np.zeros(cells, dtype=np.int64),
+        rigid=base - grid.dz * np.floor(base / grid.dz),
+        rigid_fraction=np.array(experiment.start_composition),
+        outflow=np.zeros(species),
+    )
+    return Slope(x, base, grid, flow, law)
+
+
+def _lip(cell: Cell, x: Floats) -> float:
+    """Height [cm] of the surface before pouring at the end that the slope `x` runs to."""
+    return float(cell.base_height(np.array([math.copysign(cell.length, x[-1])]))[0])
+
+
+def _half_full(experiment: Experiment, x: Floats, grid: Grid, law: Law) -> Flow:
+    """A drum whose lower half is full of a mixture at rest: a tape along each half ring.
+
+    The downhill end of a tape grows towards larger places, the uphill end towards smaller ones.
+    """
+    composition = np.array(experiment.start_composition)[:, None]
+    cells, radius = len(x), np.abs(x)
+    row = np.minimum(np.arange(cells), np.arange(cells)[::-1])
+    half_ring = np.pi * radius
+    layer = np.minimum(law.surface_depth, half_ring / 2)
+    inside = half_ring[: cells // 2] - 2 * layer[: cells // 2]
+    sealed = np.floor(inside / grid.dz).astype(np.int64)
+    bins = math.ceil(SPARE_BINS * half_ring.max() / grid.dz) + FIRST_BINS
+    tape = np.zeros((len(composition), cells // 2, bins))
+    for r, count in enumerate(sealed):
+        tape[:, r, :count] = composition * grid.dz
+    up = np.where(x > 0, 1, -1)
+    filling = np.where(x > 0, (inside - sealed * grid.dz)[row], 0.0)
+    return Flow(
+        height=experiment.cell.base_height(x),
+        rolling=np.zeros((len(composition), cells)),
+        surface=composition * layer,
+        filling=composition * filling,
+        tape=tape,
+        row=row,
+        up=up,
+        top=np.where(up > 0, sealed[row], -1),
+        sealed=sealed,
+        rigid=np.zeros(cells),
+        rigid_fraction=composition[:, 0].copy(),
+        outflow=np.zeros(len(composition)),
+    )

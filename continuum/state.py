@@ -1,0 +1,56 @@
+"""What the continuum's step works on: the grid, and the state of one slope of the pile.
+
+A slope runs downhill, cell by cell, from the pouring point (or the upper rim of a drum) to a wall or
+an open end. Grains at rest lie in three places: the surface layer of thickness d; the open bin below
+it, which is being filled; and a tape of sealed bins of height dz. In a silo each cell has a tape of
+its own, with a fixed bottom. In a drum, whose body turns rigidly, a tape runs along the half ring of
+one radius: both its ends are surface, cell +r fills the one and digs at it, cell -r the other.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from continuum.limiters import VAN_LEER
+from experiment.arrays import Floats, Ints
+
+__all__ = ["Flow", "Grid", "with_more_bins"]
+
+
+class Grid(NamedTuple):
+    """Cells of width dx, a step of dt, bins of height dz, and what the slope ends at."""
+
+    dx: float  # cm
+    dt: float  # s
+    dz: float  # cm
+    lip: float = np.nan  # cm; height of the open end that grains fall off; NaN for a wall
+    turning_rate: float = 0.0  # 1/s; of a drum
+    limiter: int = VAN_LEER
+
+
+class Flow(NamedTuple):
+    """The state of a slope, changed in place by :func:`continuum.kernel.advance`."""
+
+    height: Floats  # (cell,) cm
+    rolling: Floats  # (species, cell) cm; after a step: at the cell's downhill edge
+    surface: Floats  # (species, cell) cm; what the surface layer holds
+    filling: Floats  # (species, cell) cm; what the open bin below it holds
+    tape: Floats  # (species, row, bin) cm; the sealed bins, places taken modulo their number
+    row: Ints  # (cell,) the cell's tape
+    up: Ints  # (cell,) +1 or -1: which way along the tape is upwards
+    top: Ints  # (cell,) the place on the tape of the open bin
+    sealed: Ints  # (row,) how many bins of the tape are sealed
+    rigid: Floats  # (cell,) cm; how much of bin 0 the surface of before pouring takes up
+    rigid_fraction: Floats  # (species,) its composition
+    outflow: Floats  # (species,) cm; what fell off the open end, as thickness of one cell
+
+
+def with_more_bins(flow: Flow) -> Flow:
+    """The same state with tapes of twice as many bins."""
+    species, rows, bins = flow.tape.shape
+    tape = np.zeros((species, rows, 2 * bins))
+    for cell in np.flatnonzero(flow.up > 0):
+        row = flow.row[cell]
+        places = np.arange(flow.top[cell] - flow.sealed[row], flow.top[cell])
+        tape[:, row, places % (2 * bins)] = flow.tape[:, row, places % bins]
+    return flow._replace(tape=tape)

@@ -1,0 +1,220 @@
+"""One species: BCRE and de Gennes. What the solver does, against closed forms, and at what order."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from flows import law_with, still, take
+
+import continuum
+from continuum.kernel import advance
+from continuum.law import Law
+from continuum.limiters import LIMITERS
+from continuum.state import Flow, Grid
+from continuum.theory.bcre import ClimbingWave, poured_step, spread_step
+from continuum.theory.de_gennes import drum_of, silo_of
+from experiment import NotApplicableError, load
+
+THETA_R, RATE, SPEED = 0.6, 1.0, 1.0
+WAVES = {
+    "capturing": ClimbingWave(climb=0.5, velocity=SPEED, rate=RATE, faint_excess=-0.1, gap=0.3),
+    "eroding": ClimbingWave(climb=0.5, velocity=SPEED, rate=RATE, faint_excess=0.02, gap=2.0),
+}
+LENGTH, TIME = 40.0, 16.0
+
+
+def one_species(**changes: object) -> Law:
+    settings = {
+        "repose_slope": np.array([[THETA_R]]),
+        "collision_rate": np.array([[RATE]]),
+        "curvature_length": 0.0,
+    }
+    return law_with(1, **(settings | changes))
+
+
+def slope_of(flow: Flow, grid: Grid) -> np.ndarray:
+    return -np.diff(flow.height) / grid.dx
+
+
+def kernel_step(flow: Flow, law: Law, grid: Grid, inflow: float) -> None:
+    assert advance(flow, law, grid, np.array([SPEED]), np.array([[inflow]]))[0] == 1
+
+
+def trapped_step(flow: Flow, law: Law, grid: Grid, inflow: float) -> None:
+    """The trap: each cell finishes its exchange against a neighbour already a step ahead."""
+    rolling, height = flow.rolling[0], flow.height
+    rolling[1:] = rolling[:-1].copy()
+    rolling[0] = inflow
+    for i in range(len(height) - 2, -1, -1):
+        excess = (height[i] - height[i + 1]) / grid.dx - law.repose_slope[0, 0]
+        settled = -math.expm1(-abs(excess) * grid.dt * RATE) * rolling[i] * -np.sign(excess)
+        rolling[i] -= settled
+        height[i] += settled
+
+
+def errors_on_a_wave(step: Callable[..., None], wave: ClimbingWave) -> list[float]:
+    """Mean error of the slope, relative to its excess, that a wave has after TIME, as dx halves.
+
+    Only where nothing that happened at the wall has come to be known: it climbs slower than 0.5.
+    """
+    errors = []
+    for cells in (100, 200, 400, 800):
+        grid = Grid(LENGTH / cells, LENGTH / cells / SPEED, 0.05)
+        law = one_species()
+        middles = (np.arange(cells) + 0.5) * grid.dx
+        edges = (np.arange(cells) + 1) * grid.dx
+        climb = (wave.climb + wave.velocity) / wave.rate * np.log(wave.thickness(middles, 0.0))
+        flow = still(law, cells, bins=4000, base=100.0 - THETA_R * middles - climb)
+        flow.rolling[0] = wave.thickness(edges, 0.0)
+        flow.tape[0, :, :1000] = grid.dz
+        flow.top[:] = flow.sealed[:] = 1000
+        for k in range(round(TIME / grid.dt)):
+            step(flow, law, grid, float(wave.thickness(np.zeros(1), (k + 0.5) * grid.dt)[0]))
+        seen = edges[:-1] < LENGTH - 0.5 * TIME - 2.0
+        exact = wave.excess_slope(edges[:-1], TIME)
+        error = np.abs(slope_of(flow, grid) - THETA_R - exact)[seen]
+        errors.append(float(error.mean() / np.abs(exact[seen]).mean()))
+    return errors
+
+
+def assert_first_order(errors: list[float]) -> None:
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert (orders > 0.9).all(), (errors, orders)
+
+
+@pytest.mark.parametrize("kind", WAVES)
+def test_a_climbing_wave_is_followed_at_first_order(kind: str) -> None:
+    errors = errors_on_a_wave(kernel_step, WAVES[kind])
+    assert_first_order(errors)
+    assert errors[-1] < 0.01
+
+
+@pytest.mark.parametrize("kind", WAVES)
+def test_the_trap_fails_the_order_test(kind: str) -> None:
+    """It looks converged, to a wrong slope."""
+    errors = errors_on_a_wave(trapped_step, WAVES[kind])
+    with pytest.raises(AssertionError):
+        assert_first_order(errors)
+    assert errors[-1] > 0.5 * errors[-2]
+
+
+@pytest.mark.parametrize("kind", WAVES)
+def test_the_climbing_wave_solves_the_equations(kind: str) -> None:
+    wave, small = WAVES[kind], 1e-4
+    x = np.linspace(1.0, 30.0, 7)
+
+    def rate(values: Callable[[np.ndarray, float], np.ndarray], along: str) -> np.ndarray:
+        if along == "t":
+            return (values(x, 3.0 + small) - values(x, 3.0 - small)) / (2 * small)
+        return (values(x + small, 3.0) - values(x - small, 3.0)) / (2 * small)
+
+    thickness, excess = wave.thickness(x, 3.0), wave.excess_slope(x, 3.0)
+    gain = rate(wave.thickness, "t") + SPEED * rate(wave.thickness, "x")
+    np.testing.assert_allclose(gain, RATE * excess * thickness, rtol=1e-6)
+    exchange = rate(lambda x, t: RATE * wave.thickness(x, t) * wave.excess_slope(x, t), "x")
+    np.testing.assert_allclose(rate(wave.excess_slope, "t"), exchange, rtol=1e-6)
+
+
+def spread_error(cells: int, velocity: float, limiter: int) -> float:
+    """L1 error of a smooth step that drifts (beside a faster species) and disperses, no exchange."""
+    length, dispersion, time, start = 20.0, 0.2, 4.0, 2.0
+    dx = length / cells
+    grid = Grid(dx, dx / 2.0, 0.1, limiter=limiter)
+    law = law_with(
+        2,
+        repose_slope=np.ones((2, 2)),
+        collision_rate=np.eye(2),
+        curvature_length=0.0,
+        dispersion=dispersion,
+    )
+    x = (np.arange(cells) + 0.5) * dx
+    flow = still(law, cells, base=length - x)
+    flow.rolling[1] = 0.1 * spread_step(x - 7.0, dispersion, start)
+    feed = np.tile([0.0, 0.1], (round(time / grid.dt), 1))
+    take(flow, law, grid, np.array([2.0, velocity]), feed)
+    exact = 0.1 * spread_step(x - 7.0 - velocity * time, dispersion, start + time)
+    return float(np.abs(flow.rolling[1] - exact)[: cells * 9 // 10].sum() * dx)
+
+
+@pytest.mark.parametrize("limiter", LIMITERS)
+def test_drift_and_dispersion_of_a_smooth_step_are_of_second_order(limiter: str) -> None:
+    place = LIMITERS.index(limiter)
+    errors = np.array([spread_error(cells, 1.2, place) for cells in (100, 200, 400)])
+    orders = np.log2(errors[:-1] / errors[1:])
+    assert (orders > 1.7).all(), (errors, orders)
+
+
+def test_the_feed_of_the_bcre_preset_drifts_and_spreads_as_advection_and_diffusion_do() -> None:
+    """On the slope of repose nothing is exchanged before the flow has reached the wall."""
+    errors = []
+    for cells in (100, 200, 400):
+        settings = ["pour.duration=1.5", "pour.records=1", f"continuum.cells={cells}"]
+        experiment = load("bcre", settings)
+        archive = continuum.pour(experiment)
+        edges = archive["x"].values + 0.5 * experiment.cell.length / cells
+        found = archive["rolling_thickness"].isel(time=-1, species=0).values / 0.25
+        errors.append(float(np.abs(found - poured_step(edges, 10.0, 2.0, 1.5)).mean()))
+    assert errors[-1] < 5e-3
+    assert_first_order(errors)
+
+
+@pytest.mark.parametrize("cells", [75, 150, 300])
+def test_de_gennes_silo_is_reached(cells: int) -> None:
+    experiment = load("de-gennes-silo", [f"continuum.cells={cells}", "pour.duration=300.0"])
+    state, archive = silo_of(experiment), continuum.pour(experiment)
+    dx = experiment.cell.length / cells
+    edges = archive["x"].values + dx / 2
+    last = archive.isel(time=-1)
+    rolling = last["rolling_thickness"].values[:-1, 0]
+    np.testing.assert_allclose(rolling, state.rolling_thickness(edges[:-1]), atol=1e-6)
+    slope = -np.diff(last["height"].values) / dx
+    inner = edges[:-1] < 28.0
+    error = np.abs(slope - state.slope(edges[:-1]))[inner].mean()
+    assert error < 0.02 * dx
+    rise = (archive["height"].isel(time=-1) - archive["height"].isel(time=-2)) / 3.0
+    np.testing.assert_allclose(rise, state.rise_velocity, rtol=1e-5)
+
+
+@pytest.mark.parametrize("turning_rate", [0.02, 0.05, 0.2])
+def test_the_drum_takes_de_gennes_shape_at_any_turning_rate(turning_rate: float) -> None:
+    setting = f"cell.turning_rate={turning_rate}"
+    experiment = load("de-gennes-drum", [setting, "pour.duration=200.0"])
+    state, archive = drum_of(experiment), continuum.pour(experiment)
+    last = archive.isel(time=-1)
+    dx = experiment.cell.length / archive.sizes["x"]
+    edges = last["x"].values + dx / 2
+    rolling = last["rolling_thickness"].values[:-1, 0]
+    thickest = state.rolling_thickness(np.zeros(1))[0]
+    assert np.abs(rolling - state.rolling_thickness(edges[:-1])).max() < 0.01 * thickest
+    slope = -np.diff(last["height"].values) / dx
+    inner = np.abs(edges[:-1]) < 9.0
+    assert np.abs(slope - state.slope(edges[:-1]))[inner].max() < 0.01
+
+
+def test_the_drums_surface_converges_at_first_order() -> None:
+    errors = []
+    for cells in (50, 100, 200):
+        experiment = load("de-gennes-drum", [f"continuum.cells={cells}", "pour.duration=200.0"])
+        last = continuum.pour(experiment).isel(time=-1)
+        dx = experiment.cell.length / cells
+        edges = last["x"].values[:-1] + dx / 2
+        slope = -np.diff(last["height"].values) / dx
+        inner = np.abs(edges) < 8.0
+        errors.append(float(np.abs(slope - drum_of(experiment).slope(edges))[inner].mean()))
+    assert_first_order(errors)
+
+
+def test_the_drums_closed_form_is_its_own_slope() -> None:
+    state = drum_of(load("de-gennes-drum"))
+    x, small = np.linspace(-9.0, 9.0, 19), 1e-5
+    slope = -(state.height(x + small) - state.height(x - small)) / (2 * small)
+    np.testing.assert_allclose(slope, state.slope(x), rtol=1e-8)
+    gain = (state.rolling_thickness(x + small) - state.rolling_thickness(x - small)) / (2 * small)
+    np.testing.assert_allclose(state.velocity * gain, -state.turning_rate * x, atol=1e-8)
+
+
+@pytest.mark.parametrize("setting", ["mixture.curvature_length=0.1", "mixture.dispersion=1.0"])
+def test_de_gennes_solutions_are_refused_where_they_do_not_hold(setting: str) -> None:
+    with pytest.raises(NotApplicableError, match=setting.partition("=")[0]):
+        silo_of(load("de-gennes-silo", [setting]))
