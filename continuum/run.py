@@ -139,6 +139,7 @@ def _record(
         poured_volume=poured,
         rolling_volume=flow.rolling.sum(axis=1) * grid.dx,
         deposited_volume=at_rest * grid.dx,
+        outflow_volume=np.zeros_like(poured),
     )
 
 
