@@ -88,17 +88,13 @@ class Lattice(NamedTuple):
 def lattice_of(experiment: Experiment) -> Lattice:
     """The lattice of a set-up.
 
-    Raises :class:`SetupError` for a wrong `[ca_model]` table and :class:`NotApplicableError` where
-    the species roll at different speeds, which the rule does not know.
+    Raises :class:`SetupError` for a wrong `[ca_model]` table and :class:`NotApplicableError` for
+    what the rule does not know: other cells than a silo with a wall, dispersion, species of
+    different speeds, and a surface of mixed grains before pouring.
     """
     settings = Settings.parse(experiment.ca_model, "ca_model")
     mixture = experiment.mixture
-    velocity = mixture.drift_velocity[0]
-    if any(other != velocity for other in mixture.drift_velocity):
-        speeds = list(mixture.drift_velocity)
-        raise NotApplicableError(
-            f"mixture.drift_velocity = {speeds}: the lattice rolls all species at one speed"
-        )
+    _check_that_the_rule_applies(experiment)
     unit = settings.unit or min(mixture.grain_diameter)
     width = settings.column_width or 10 * unit
     if unit > min(mixture.grain_diameter):
@@ -109,11 +105,6 @@ def lattice_of(experiment: Experiment) -> Lattice:
             f"ca_model.column_width = {width:g}: it should fit into cell.length = "
             f"{experiment.cell.length:g} from 3 to {MOST_COLUMNS} times"
         )
-    if max(experiment.start_composition) < 1:
-        start = list(experiment.start_composition)
-        raise NotApplicableError(
-            f"cell.start_composition = {start}: a lattice surface is of one species"
-        )
     heights = np.rint(np.array(mixture.grain_diameter) / unit).astype(np.int64)
     slopes = np.array(mixture.repose_slope) * width / unit
     rule = Rule(
@@ -123,11 +114,12 @@ def lattice_of(experiment: Experiment) -> Lattice:
         contacts=MANY if settings.contacts == "all" else settings.contacts,
         percolation=settings.percolation,
     )
-    grains = experiment.feed.mean_inflow / (heights * unit)
-    if grains.sum() > MOST_GRAINS:
+    largest = experiment.feed.largest_inflow
+    most = (largest / (heights * unit)).sum()
+    if most > MOST_GRAINS:
         raise SetupError(
-            f"feed.inflow = {list(experiment.feed.inflow)}: it makes {grains.sum():.2g} grains a "
-            f"step; at most {MOST_GRAINS} are allowed"
+            f"feed.inflow = {largest.tolist()}: it makes {most:.2g} grains a step; "
+            f"at most {MOST_GRAINS} are allowed"
         )
     cell = experiment.cell.model_copy(update={"length": columns * width})
     x = (np.arange(columns) + 0.5) * width
@@ -135,9 +127,28 @@ def lattice_of(experiment: Experiment) -> Lattice:
         rule=rule,
         base=np.rint(cell.base_height(x) / unit).astype(np.int64),
         base_species=int(np.argmax(experiment.start_composition)),
-        grains_per_step=grains,
+        grains_per_step=experiment.feed.mean_inflow / (heights * unit),
         unit=unit,
         column_width=width,
-        step=width / velocity,
+        step=width / mixture.drift_velocity[0],
         arrivals=settings.arrivals,
     )
+
+
+def _check_that_the_rule_applies(experiment: Experiment) -> None:
+    cell, mixture = experiment.cell, experiment.mixture
+    speeds, start = list(mixture.drift_velocity), list(experiment.start_composition)
+    limits = {
+        f"cell.shape = {cell.shape!r}: the lattice pours silos only": cell.shape == "silo",
+        f"cell.end = {cell.end!r}: the lattice has a wall at its end": cell.end == "wall",
+        f"mixture.dispersion = {mixture.dispersion:g}: lattice grains roll without dispersion": (
+            mixture.dispersion == 0
+        ),
+        f"mixture.drift_velocity = {speeds}: the lattice rolls all species at one speed": (
+            min(speeds) == max(speeds)
+        ),
+        f"cell.start_composition = {start}: a lattice surface is of one species": max(start) == 1,
+    }
+    for reason, applies in limits.items():
+        if not applies:
+            raise NotApplicableError(reason)

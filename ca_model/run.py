@@ -27,7 +27,7 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     """Pour `experiment` on the lattice; the archive as a Dataset, in cm and s.
 
     `progress` is called with the share that is done. Raises :class:`SetupError` for a wrong
-    `[ca_model]` table and :class:`NotApplicableError` where the species' speeds differ.
+    `[ca_model]` table and :class:`NotApplicableError` for what its rule does not know.
     """
     lattice = lattice_of(experiment)
     generator = np.random.Generator(np.random.PCG64(experiment.pour.seed))
@@ -97,6 +97,7 @@ def _record(
         poured_volume=poured * lattice.grain_volume,
         rolling_volume=pile.rolling.sum(axis=0) * lattice.grain_volume,
         deposited_volume=grains_at_rest(pile) * lattice.grain_volume,
+        outflow_volume=np.zeros(len(poured)),
     )
 
 

@@ -12,10 +12,12 @@ from experiment.experiment import Experiment, Pour, Published
 from experiment.feed import Feed
 from experiment.mixture import Mixture, two_species_slopes
 from experiment.presets import load, preset_names, preset_text
+from experiment.schedule import Constant, Pulses, Sine, Table
 
 __all__ = [
     "ArchiveError",
     "Cell",
+    "Constant",
     "Experiment",
     "Feed",
     "Mixture",
@@ -23,8 +25,11 @@ __all__ = [
     "OutputExistsError",
     "Pour",
     "Published",
+    "Pulses",
     "SetupError",
+    "Sine",
     "StratifyError",
+    "Table",
     "load",
     "preset_names",
     "preset_text",

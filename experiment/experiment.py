@@ -21,6 +21,7 @@ from experiment.errors import SetupError
 from experiment.feed import Feed
 from experiment.fields import Part, Positive
 from experiment.mixture import Mixture
+from experiment.schedule import Table
 
 __all__ = ["Experiment", "Pour", "Published", "parse_toml", "set_values"]
 
@@ -41,13 +42,18 @@ class Published(Part):
     note: str = ""
 
 
+def _no_feed(part: dict[str, Any]) -> Feed:
+    mixture: Mixture = part["mixture"]
+    return Feed(inflow=(0.0,) * mixture.species)
+
+
 class Experiment(Part):
     """A mixture, the cell it is poured into, its feed, and the two models' own tables."""
 
     title: str = Field(min_length=1)
     mixture: Mixture
     cell: Cell
-    feed: Feed
+    feed: Feed = Field(default_factory=_no_feed)  # only a drum does without
     pour: Pour
     published: Published | None = None
     ca_model: dict[str, Any] = Field(default_factory=dict)
@@ -78,10 +84,12 @@ class Experiment(Part):
     @model_validator(mode="after")
     def _check_species(self) -> Self:
         n = self.mixture.species
-        if len(self.feed.inflow) != n:
-            raise ValueError(
-                f"feed.inflow = {list(self.feed.inflow)}: it should have {n} values, one a species"
-            )
+        schedule = self.feed.schedule
+        name, inflow = "feed.inflow", self.feed.inflow
+        if isinstance(schedule, Table):
+            name, inflow = "feed.schedule.inflow[0]", schedule.inflow[0]
+        if len(inflow) != n:
+            raise ValueError(f"{name} = {list(inflow)}: it should have {n} values, one a species")
         start = self.cell.start_composition
         if start is not None and (len(start) != n or abs(sum(start) - 1) > 1e-9):
             raise ValueError(
@@ -90,12 +98,33 @@ class Experiment(Part):
             )
         return self
 
+    @model_validator(mode="after")
+    def _check_feed(self) -> Self:
+        drum = self.cell.shape == "drum"
+        inflow = self.feed.largest_inflow
+        if drum and inflow.any():
+            raise ValueError(f"feed.inflow = {inflow.tolist()}: it should be 0 in a drum")
+        if not drum and "feed" not in self.model_fields_set:
+            raise ValueError("feed: missing; only a drum does without")
+        if not drum and not inflow.any():
+            raise ValueError(
+                f"feed.inflow = {inflow.tolist()}: at least one should be greater than 0"
+            )
+        return self
+
     @property
     def start_composition(self) -> tuple[float, ...]:
-        """Composition of the rigid surface before pouring; all small grains unless it is given."""
+        """Composition of the grains before pouring, unless it is given.
+
+        The rigid surface of a silo or heap is all of the smallest species; the grains in a drum
+        are equal parts of all.
+        """
         if self.cell.start_composition is not None:
             return self.cell.start_composition
-        return tuple(float(a == self.mixture.smallest) for a in range(self.mixture.species))
+        n = self.mixture.species
+        if self.cell.shape == "drum":
+            return (1 / n,) * n
+        return tuple(float(a == self.mixture.smallest) for a in range(n))
 
 
 def parse_toml(text: str) -> dict[str, Any]:

@@ -1,32 +1,59 @@
-"""What is poured at x = 0, as the rolling thickness of each species there."""
+"""What is poured at x = 0, as the rolling thickness of each species there, and how that varies."""
 
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from experiment.arrays import Floats
 from experiment.fields import NonNegative, Part
+from experiment.schedule import Constant, Schedule, Table
 
 __all__ = ["Feed"]
 
 
+def _average_of_table(part: dict[str, Any]) -> tuple[float, ...]:
+    schedule = part["schedule"]
+    return schedule.average if isinstance(schedule, Table) else ()
+
+
 class Feed(Part):
-    """A constant feed. Models ask :meth:`thickness` at their own times, so a feed may vary."""
+    """A feed R_a^0 and its schedule. Models ask :meth:`thickness` at their own times.
 
-    inflow: tuple[NonNegative, ...] = Field(min_length=1)  # cm, one a species
+    `inflow` is given for every schedule but a table, whose average it is.
+    """
 
-    def thickness(self, time: Floats) -> Floats:
-        """Rolling thickness R_a^0 [cm] at x = 0: an array (time, species) for times (time,) [s]."""
-        return np.tile(np.asarray(self.inflow, dtype=np.float64), (len(time), 1))
+    schedule: Schedule = Constant()
+    inflow: tuple[NonNegative, ...] = Field(default_factory=_average_of_table, min_length=1)  # cm
+
+    def thickness(self, times: Floats) -> Floats:
+        """Rolling thickness R_a [cm] at x = 0: an array (time, species) for times (time,) [s]."""
+        return self.schedule.thickness(np.array(self.inflow), times)
 
     @property
     def mean_inflow(self) -> Floats:
-        """R_a^0 (species,) [cm], averaged over time."""
-        return np.asarray(self.inflow, dtype=np.float64)
+        """R_a (species,) [cm], averaged over time."""
+        return self.schedule.mean(np.array(self.inflow))
+
+    @property
+    def largest_inflow(self) -> Floats:
+        """The largest R_a (species,) [cm] that each species has at any time."""
+        return self.schedule.largest(np.array(self.inflow))
 
     @model_validator(mode="after")
-    def _check_that_something_is_poured(self) -> Self:
-        if sum(self.inflow) <= 0:
-            raise ValueError(f"inflow = {list(self.inflow)}: at least one should be greater than 0")
+    def _check_schedule(self) -> Self:
+        if not self.inflow:
+            raise ValueError("inflow: missing; it has no default, unless the schedule is a table")
+        if isinstance(self.schedule, Table) and "inflow" in self.model_fields_set:
+            raise ValueError(
+                f"inflow = {list(self.inflow)}: it should be left out, for schedule.inflow tells it"
+            )
+        self.schedule.check(np.array(self.inflow))
         return self
+
+    @model_serializer(mode="wrap")
+    def _leave_out_what_a_table_tells(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        told: dict[str, Any] = dump(self)
+        if isinstance(self.schedule, Table):
+            del told["inflow"]
+        return told

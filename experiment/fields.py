@@ -18,6 +18,7 @@ __all__ = [
     "Fraction",
     "Matrix",
     "NonNegative",
+    "Number",
     "Part",
     "Positive",
     "RateMatrix",
@@ -28,6 +29,7 @@ __all__ = [
 STEEPEST = 100.0
 LARGEST = 1e9
 
+Number = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(strict=True, gt=0, le=LARGEST)]
 NonNegative = Annotated[float, Field(strict=True, ge=0, le=LARGEST)]
 Fraction = Annotated[float, Field(strict=True, ge=0, le=1)]
@@ -85,6 +87,6 @@ def _first_complaint(error: ValidationError, within: str) -> str:
     if complaint["type"] == "too_short":
         reason = "it should not be empty"
     if complaint["type"] == "value_error" and not reason.startswith("it should"):
-        names_a_field = re.match(r"\w+(\[\d+\])* = ", reason)
+        names_a_field = re.match(r"\w+(\.\w+|\[\d+\])*( = |: missing)", reason)
         return f"{path}{'.' if names_a_field else ': '}{reason}" if path else reason
     return f"{path} = {complaint['input']!r}: {reason}"

@@ -58,6 +58,7 @@ class Mixture(Part):
     repose_slope: SlopeMatrix  # 1
     collision_rate: RateMatrix | None = None  # 1/s; the continuum needs it
     cross_amplification: RateMatrix | None = None  # 1/s; BdG's constant rates mu, diagonal 0
+    dispersion: NonNegative = 0.0  # cm2/s; D, diffusion of the rolling layer
     smoothing: NonNegative = 0.0  # 1; width over which P(z) bends
     surface_depth: Positive = Field(default_factory=_mean_diameter)  # cm
     curvature_length: NonNegative = Field(default_factory=_mean_diameter)  # cm

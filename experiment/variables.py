@@ -36,8 +36,8 @@ COORDINATES = {
     coordinate.name: coordinate
     for coordinate in (
         Variable("time", ("time",), "s", "time since pouring began"),
-        Variable("x", ("x",), "cm", "distance downhill from the pouring point"),
-        Variable("z", ("z",), "cm", "height above the floor"),
+        Variable("x", ("x",), "cm", "distance from the pouring point, or from a drum's middle"),
+        Variable("z", ("z",), "cm", "height above the floor, or above a drum's lowest point"),
         Variable("species_name", ("species",), "", "species of grain", "str"),
         Variable(
             "surface_species_name",
@@ -74,9 +74,20 @@ VARIABLES = {
             gaps=True,
         ),
         Variable("base_height", ("x",), "cm", "height of the surface before pouring"),
-        Variable("poured_volume", ("time", "species"), "cm2", "volume poured per unit gap"),
+        Variable(
+            "poured_volume",
+            ("time", "species"),
+            "cm2",
+            "volume poured per unit gap, a drum's filling from the start",
+        ),
         Variable("rolling_volume", ("time", "species"), "cm2", "volume rolling per unit gap"),
         Variable("deposited_volume", ("time", "species"), "cm2", "volume at rest per unit gap"),
+        Variable(
+            "outflow_volume",
+            ("time", "species"),
+            "cm2",
+            "volume that fell off an open end per unit gap",
+        ),
         Variable(
             "repose_slope",
             ("species", "surface_species"),

@@ -55,9 +55,9 @@ def test_an_archive_alone_can_be_poured_again(model, small_pour: Experiment) -> 
 
 
 @MODELS
-def test_poured_is_rolling_plus_deposited(model, small_pour: Experiment) -> None:
+def test_poured_is_rolling_plus_deposited_plus_what_fell_off(model, small_pour: Experiment) -> None:
     dataset = model.pour(small_pour)
-    held = dataset["rolling_volume"] + dataset["deposited_volume"]
+    held = dataset["rolling_volume"] + dataset["deposited_volume"] + dataset["outflow_volume"]
     np.testing.assert_allclose(held, dataset["poured_volume"], rtol=1e-12, atol=1e-12)
     assert (dataset["poured_volume"].diff("time") > 0).all()
 

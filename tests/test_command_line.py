@@ -68,6 +68,14 @@ def test_a_model_that_does_not_apply_says_so_and_the_other_pours(tmp_path: Path)
     assert not (tmp_path / "no").exists()
 
 
+def test_a_cell_with_an_open_end_is_poured_by_the_continuum_alone(tmp_path: Path) -> None:
+    options = [*SHORT, "--set=cell.end=open", "-o", "out"]
+    done = stratify("pour", "makse-stratification", *options, folder=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "ca_model: does not apply: cell.end = 'open'" in done.stdout
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["continuum.nc"]
+
+
 def test_compare_prints_a_table_and_writes_numbers_and_a_picture(pours: Path) -> None:
     done = stratify("compare", "pours/short", "--force", folder=pours)
     assert done.returncode == 0, done.stderr

@@ -8,7 +8,6 @@ import pytest
 
 from experiment import (
     Experiment,
-    Feed,
     Mixture,
     SetupError,
     load,
@@ -83,11 +82,6 @@ def test_three_species_need_no_special_words() -> None:
     assert mixture.surface_depth == pytest.approx(0.2)
 
 
-def test_a_feed_tells_its_thickness_at_any_times() -> None:
-    thickness = Feed(inflow=(0.5, 0.25)).thickness(np.array([0.0, 1.0, 7.0]))
-    assert thickness.tolist() == [[0.5, 0.25]] * 3
-
-
 def test_a_setting_changes_one_field_and_nothing_else() -> None:
     changed = load("makse-stratification", ["mixture.delta=0.1", "feed.inflow.1=0.25"])
     assert changed.mixture.delta == pytest.approx(0.1)
@@ -153,8 +147,8 @@ def test_slopes_and_angles_together_are_refused() -> None:
 def test_a_missing_field_is_named() -> None:
     with pytest.raises(SetupError, match=r"mixture\.repose_slope: missing"):
         Mixture.parse(GRAINS, "mixture")
-    with pytest.raises(SetupError, match="delta: missing"):
-        Mixture.parse({"theta_11": 1.0, "psi": 0.1, **GRAINS})
+    with pytest.raises(SetupError, match=r"^mixture\.delta: missing"):
+        Mixture.parse({"theta_11": 1.0, "psi": 0.1, **GRAINS}, "mixture")
 
 
 def test_an_unknown_preset_names_the_presets() -> None:

@@ -45,6 +45,7 @@ def archive_of(
         "poured_volume": zeros,
         "rolling_volume": zeros,
         "deposited_volume": zeros,
+        "outflow_volume": zeros,
     }
     return assemble(experiment, "continuum", arrays, {})
 
