@@ -45,7 +45,7 @@ def bury_or_dig_up(flow: Flow, depth: float, grid: Grid) -> None:
 @njit(cache=True, error_model="numpy")
 def total(thickness: Floats) -> Floats:
     """Sum over species (cell,) of thicknesses (species, cell)."""
-    summed = thickness[0].copy()
+    summed: Floats = thickness[0].copy()
     for a in range(1, thickness.shape[0]):
         for i in range(summed.size):
             summed[i] += thickness[a, i]

@@ -5,12 +5,15 @@
 
 Split in time (Godunov, first order). Transport: dt = dx / max v, so that species as fast as the
 fastest shift by exactly one cell; what slower ones and dispersion do stands in transport.py.
-Exchange, first order in time and space: sub-steps dt' with v_c dt' / dx <= COURANT, v_c = gamma R (1 + 2 l / dx) the speed at
-which a disturbance of the slope climbs; in each one all cells first find their slope from the
-heights of one instant, and only then exchange grains. (A cell that finished its exchange against a
-neighbour already a step ahead would err by (dh/dt) / v in the slope at every resolution.) The slope
-belongs to the cell's downhill edge, theta_i = (h_i - h_{i+1}) / dx, for disturbances come from
-below.
+Exchange, first order in time and space: sub-steps dt' with v_c dt' / dx <= COURANT, where
+v_c = gamma R (1 + 2 l / dx) is the speed at which a disturbance of the slope climbs; in each one
+all cells first find their slope from the heights of one instant, and only then exchange grains. (A
+cell that finished its exchange against a neighbour already a step ahead would err by (dh/dt) / v in
+the slope at every resolution.) The slope belongs to the cell's downhill edge,
+theta_i = (h_i - h_{i+1}) / dx, for disturbances come from below.
+
+At a wall all that arrives is captured. At a drum's upper rim, where nothing arrives that could set
+grains rolling, all that its turning lifts is released.
 
 Within a sub-step slope and composition stand still, so that a species' captured share is
 1 - exp(-c), c = gamma_aa P(theta_a - s) dt', with exp(c) to fourth order in c; the amplified share
@@ -70,7 +73,8 @@ def advance(flow: Flow, law: Law, grid: Grid, velocity: Floats, inflow: Floats) 
                 _capture_at_wall(flow, 1.0 / (substeps - k))
             bury_or_dig_up(flow, law.surface_depth, grid)
             if grid.turning_rate > 0.0:
-                _turn(flow.height, grid, grid.dt / substeps)
+                _turn(flow, grid, grid.dt / substeps)
+                _release_at_rim(flow, grid, grid.dt / substeps)
     return inflow.shape[0], most
 
 
@@ -127,10 +131,11 @@ def _exchange(flow: Flow, slope: Floats, law: Law, grid: Grid, dt: float) -> Non
     find_repose_slope(theta, phi, law)
     find_capture_rate(captured, theta, slope, law)
     find_amplification_rate(amplified, theta, slope, flow.rolling, law)
-    exchanging = flow.height.size - (1 if math.isnan(grid.lip) else 0)
+    first = 1 if grid.turning_rate > 0.0 else 0
+    beyond = flow.height.size - (1 if math.isnan(grid.lip) else 0)
     for a in range(len(settled)):
         _settle(settled[a], captured[a], amplified[a], flow.rolling[a], flow.surface[a], law, dt)
-        for i in range(exchanging):
+        for i in range(first, beyond):
             flow.rolling[a, i] -= settled[a, i]
             flow.surface[a, i] += settled[a, i]
             flow.height[i] += settled[a, i]
@@ -175,9 +180,26 @@ def _capture_at_wall(flow: Flow, share: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _turn(height: Floats, grid: Grid, dt: float) -> None:
-    """A drum turns by w dt: its body rises on the uphill side of the middle, x < 0, and sinks on
-    the other."""
-    middle = 0.5 * (height.size - 1)
-    for i in range(height.size):
-        height[i] -= grid.turning_rate * (i - middle) * grid.dx * dt
+def _turn(flow: Flow, grid: Grid, dt: float) -> None:
+    """Turn a drum by w dt: its body rises uphill of the axis, x < 0, and sinks downhill.
+
+    A half ring by the axis that has nothing left to lift stands still.
+    """
+    last = flow.height.size - 1
+    for i in range(flow.height.size // 2):
+        if flow.surface[:, i].sum() > 0.0:
+            lifted = grid.turning_rate * (0.5 * last - i) * grid.dx * dt
+            flow.height[i] += lifted
+            flow.height[last - i] -= lifted
+
+
+@njit(cache=True, error_model="numpy")
+def _release_at_rim(flow: Flow, grid: Grid, dt: float) -> None:
+    """Set rolling what the turning of a drum lifts in its first cell, where no flow arrives."""
+    lifted = grid.turning_rate * 0.5 * (flow.height.size - 1) * grid.dx * dt
+    share = lifted / max(lifted, flow.surface[:, 0].sum())
+    for a in range(flow.rolling.shape[0]):
+        released = share * flow.surface[a, 0]
+        flow.rolling[a, 0] += released
+        flow.surface[a, 0] -= released
+        flow.height[0] -= released

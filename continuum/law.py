@@ -59,6 +59,7 @@ def law_of(mixture: Mixture) -> Law:
         smoothing=mixture.smoothing,
         surface_depth=mixture.surface_depth,
         curvature_length=mixture.curvature_length,
+        dispersion=mixture.dispersion,
     )
 
 

@@ -91,7 +91,7 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     slopes = slopes_of(experiment, grid, resolution.cells, law)
     steps = record_steps(experiment.pour, grid.dt)
     recorder = Recorder(len(steps), len(slopes) * resolution.cells, experiment.mixture.species)
-    poured = sum(slope.volume_at_rest for slope in slopes)
+    poured = np.sum([slope.volume_at_rest for slope in slopes], axis=0)
     most = 0
     done = 0
     for record, step in enumerate(steps):
@@ -145,7 +145,7 @@ def _notes(grid: Grid, most: int) -> dict[str, object]:
     }
     if most > MANY_SUBSTEPS:
         notes["comment"] = (
-            f"a step of {grid.dt:.3g} s took up to {most} sub-steps, for a disturbance of the slope "
-            "climbs that much faster than the grains roll"
+            f"a step of {grid.dt:.3g} s took up to {most} sub-steps: disturbances of the slope "
+            "climb so much faster than grains roll, or the cells are shorter than curvature_length"
         )
     return notes

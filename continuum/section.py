@@ -12,7 +12,7 @@ __all__ = ["section_of_drum", "section_of_pile"]
 
 
 def section_of_pile(slopes: list[Slope]) -> tuple[Floats, Floats]:
-    """z (z,) [cm] above the floor, and the composition of what was poured on bins of height dz."""
+    """Z (z,) [cm] above the floor, and the composition of what was poured on bins of height dz."""
     dz = slopes[0].grid.dz
     bins = max(_highest_bin(slope) for slope in slopes)
     volume = across(slopes, lambda slope: _volume(slope, bins))
@@ -20,20 +20,20 @@ def section_of_pile(slopes: list[Slope]) -> tuple[Floats, Floats]:
 
 
 def section_of_drum(slope: Slope, radius: float) -> tuple[Floats, Floats]:
-    """z (z,) [cm] above the lowest point of a drum of that `radius` [cm], and what fills it.
+    """Z (z,) [cm] above the lowest point of a drum of that `radius` [cm], and what fills it.
 
     A point of the body at distance r from the axis, at an angle below the surface, lies at the arc
     length r * angle along the tape of its half ring; what lies above the axis is taken upright.
     """
     dx, flow = slope.grid.dx, slope.flow
-    z = (np.arange(math.ceil((radius + float(flow.height.max())) / dx) + 1) + 0.5) * dx
+    z = (np.arange(math.ceil(float(flow.height.max()) / dx) + 1) + 0.5) * dx
     x, y = np.meshgrid(slope.x, z - radius)
     ring = (np.hypot(x, np.minimum(y, 0.0)) / dx).astype(np.int64)
     half = len(slope.x) // 2
     fraction = np.full((len(flow.rolling), *x.shape), np.nan)
     for k in range(half):
         here = ring == k
-        downhill = float(flow.height[half + k])
+        downhill = float(flow.height[half + k]) - radius
         arc = downhill + np.arctan2(-y[here], x[here]) * (k + 0.5) * dx
         above = y[here] > 0
         arc[above] = (downhill - y[here] * np.sign(x[here]))[above]
@@ -55,6 +55,8 @@ def _on_tape(pieces: Floats, arc: Floats) -> Floats:
     """Composition (species, point) at arc lengths (point,) [cm]; NaN beyond either end."""
     thickness = pieces.sum(axis=0)
     pieces, thickness = pieces[:, thickness > 0], thickness[thickness > 0]
+    if not len(thickness):
+        return np.full((len(pieces), len(arc)), np.nan)
     ends = np.cumsum(thickness)
     at = np.minimum(np.searchsorted(ends, arc, side="right"), len(ends) - 1)
     inside = (arc >= 0.0) & (arc < ends[-1])

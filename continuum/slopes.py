@@ -1,7 +1,7 @@
 """The slopes that a cell is made of, before pouring, and how they lie in the archive.
 
 A silo is one slope. A heap is two that share nothing but the pouring point, each with its own feed.
-A drum is one, from rim to rim, with the body below it: x = 0 is the axis, heights count from there.
+A drum is one, from rim to rim, with the body below it and its axis at x = 0.
 """
 
 import math
@@ -13,7 +13,7 @@ import numpy as np
 from continuum.kernel import advance, find_composition
 from continuum.law import Law
 from continuum.state import Flow, Grid, with_more_bins
-from experiment import Cell, Experiment
+from experiment import Experiment
 from experiment.arrays import Floats
 
 __all__ = ["Slope", "across", "slopes_of"]
@@ -55,7 +55,9 @@ class Slope:
     @property
     def volume_at_rest(self) -> Floats:
         """Volume (species,) [cm2] of what was poured and lies still."""
-        lying = (self.flow.surface + self.flow.filling).sum(axis=1) + self.flow.tape.sum(axis=(1, 2))
+        lying = (self.flow.surface + self.flow.filling).sum(axis=1) + self.flow.tape.sum(
+            axis=(1, 2)
+        )
         return np.asarray(lying * self.grid.dx)
 
 
@@ -75,17 +77,20 @@ def slopes_of(experiment: Experiment, grid: Grid, cells: int, law: Law) -> list[
     downhill = (np.arange(cells) + 0.5) * grid.dx
     if cell.shape == "drum":
         x = downhill - 0.5 * cell.length
-        grid = grid._replace(turning_rate=cell.turning_rate)
-        return [Slope(x, cell.base_height(x), grid, _half_full(experiment, x, grid, law), law)]
-    directions = (-1, 1) if cell.shape == "heap" else (1,)
-    return [_bare_slope(experiment, direction * downhill, grid, law) for direction in directions]
+        grid = grid._replace(turning_rate=cell.turning_rate or 0.0)
+        base = cell.base_height(x) + _lent_to_the_flow(experiment, law)
+        return [Slope(x, base, grid, _half_full(experiment, base, x, grid, law), law)]
+    sides = (-downhill, downhill) if cell.shape == "heap" else (downhill,)
+    lips = cell.base_at_end if cell.end == "open" else np.full(len(sides), np.nan)
+    return [
+        _bare_slope(experiment, x, grid._replace(lip=float(lip)), law)
+        for x, lip in zip(sides, lips, strict=True)
+    ]
 
 
 def _bare_slope(experiment: Experiment, x: Floats, grid: Grid, law: Law) -> Slope:
     """A slope on which nothing rolls and nothing was poured."""
     base = experiment.cell.base_height(x)
-    if experiment.cell.end == "open":
-        grid = grid._replace(lip=_lip(experiment.cell, x))
     species, cells = experiment.mixture.species, len(x)
     shape = (species, cells)
     flow = Flow(
@@ -105,12 +110,19 @@ def _bare_slope(experiment: Experiment, x: Floats, grid: Grid, law: Law) -> Slop
     return Slope(x, base, grid, flow, law)
 
 
-def _lip(cell: Cell, x: Floats) -> float:
-    """Height [cm] of the surface before pouring at the end that the slope `x` runs to."""
-    return float(cell.base_height(np.array([math.copysign(cell.length, x[-1])]))[0])
+def _lent_to_the_flow(experiment: Experiment, law: Law) -> float:
+    """How far [cm] a drum is filled above its axis, so that its surface passes there as it turns.
+
+    What rolls then, w a^2 / 3 v on average, and the mean height (2 - ln 4) v / gamma of de Gennes'
+    surface over its middle, of the species for which they are largest.
+    """
+    velocity = np.array(experiment.mixture.drift_velocity)
+    swept = (experiment.cell.turning_rate or 0.0) * (experiment.cell.length / 2) ** 2
+    lift = (2.0 - math.log(4.0)) * velocity / np.diag(law.collision_rate)
+    return float((swept / (3.0 * velocity) + lift).max())
 
 
-def _half_full(experiment: Experiment, x: Floats, grid: Grid, law: Law) -> Flow:
+def _half_full(experiment: Experiment, base: Floats, x: Floats, grid: Grid, law: Law) -> Flow:
     """A drum whose lower half is full of a mixture at rest: a tape along each half ring.
 
     The downhill end of a tape grows towards larger places, the uphill end towards smaller ones.
@@ -118,7 +130,7 @@ def _half_full(experiment: Experiment, x: Floats, grid: Grid, law: Law) -> Flow:
     composition = np.array(experiment.start_composition)[:, None]
     cells, radius = len(x), np.abs(x)
     row = np.minimum(np.arange(cells), np.arange(cells)[::-1])
-    half_ring = np.pi * radius
+    half_ring = np.pi * radius + (base + base[::-1] - experiment.cell.length)
     layer = np.minimum(law.surface_depth, half_ring / 2)
     inside = half_ring[: cells // 2] - 2 * layer[: cells // 2]
     sealed = np.floor(inside / grid.dz).astype(np.int64)
@@ -129,7 +141,7 @@ def _half_full(experiment: Experiment, x: Floats, grid: Grid, law: Law) -> Flow:
     up = np.where(x > 0, 1, -1)
     filling = np.where(x > 0, (inside - sealed * grid.dz)[row], 0.0)
     return Flow(
-        height=experiment.cell.base_height(x),
+        height=base.copy(),
         rolling=np.zeros((len(composition), cells)),
         surface=composition * layer,
         filling=composition * filling,

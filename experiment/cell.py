@@ -1,7 +1,8 @@
 """The cell that is filled: a silo, a heap or a turning drum, between two plates.
 
     silo   poured into at x = 0, ends at x = L
-    heap   poured onto at x = 0, in its middle; ends at x = -L and L
+    heap   poured onto at x = 0, in its middle; ends at x = -L and L; the feed R_a^0 goes to
+           either side
     drum   of diameter L about x = 0; half full, turned and not fed
 
 A silo and a heap end at walls, or are open: then grains fall off over a lip as high as the surface
@@ -55,13 +56,13 @@ class Cell(Part):
     def base_height(self, x: Floats) -> Floats:
         """Height of the surface before pouring [cm] at x [cm].
 
-        It is 0 at the ends of a slope, and in a drum at x = 0.
+        It counts from the ends of a slope, and in a drum from the lowest point.
         """
         if self.start_surface is not None:
             points = np.array(self.start_surface)
             return np.asarray(np.interp(x, points[:, 0], points[:, 1]))
         if self.shape == "drum":
-            return -self.start_slope * x
+            return self.length / 2 - self.start_slope * x
         return self.start_slope * (self.length - np.abs(x))
 
     @model_validator(mode="after")

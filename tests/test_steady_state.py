@@ -84,7 +84,7 @@ def test_the_slope_converges_to_the_closed_form_at_first_order(profiles) -> None
         ("mixture.collision_rate=[[20.0, 1.0], [1.0, 10.0]]", "gamma_11 = gamma_22"),
         ("mixture.m1=0.3", "theta_12 - theta_11"),
         ("mixture.psi=-0.1", "psi"),
-        ("mixture.curvature_length=0.1", "curvature_length"),
+        ("mixture.dispersion=0.1", "dispersion"),
         ("mixture.smoothing=0.1", "smoothing"),
         ("feed.inflow=[0.01, 0.24]", "x_m = -1.3"),
     ],

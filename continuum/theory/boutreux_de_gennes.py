@@ -1,9 +1,9 @@
 """The minimal model of Boutreux and de Gennes in a silo, near its wall.
 
 Two species of one size: theta_ab does not depend on b, amplification is cross-amplification at the
-constant rate mu, gamma_11 = gamma_22 = gamma, theta_1 - theta_2 = psi > 0. Far down, where species 2
-makes the surface, dh/dt = v R0 / L gives gamma (theta_2 - theta) = v / (L y), y = (L - x) / L, and
-phi_1 dh/dt = - Gamma_1 then
+constant rate mu, gamma_11 = gamma_22 = gamma, theta_1 - theta_2 = psi > 0. Far down, where species
+2 makes the surface, dh/dt = v R0 / L gives gamma (theta_2 - theta) = v / (L y), y = (L - x) / L,
+and phi_1 dh/dt = - Gamma_1 then
 
     d ln R_1 / d ln y = (1 + A y) / (1 + B y),     A = psi gamma L / v,  B = mu L / v
     R_1 ~ y (1 + B y)^(A/B - 1)

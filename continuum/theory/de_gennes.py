@@ -6,10 +6,12 @@ Silo of length L, fed R0 at x = 0, wall at x = L; the pile rises everywhere at v
 
     R = R0 (L - x) / L                        theta - theta_r = - v / (gamma (L - x))
 
-Half-filled thin drum of radius a turning at w, x from its axis downhill; the same surface for any w:
+Half-filled thin drum of radius a turning at w, x downhill from its axis; one surface for any w:
 
     R = w (a^2 - x^2) / (2 v)                 theta - theta_r = - (2 v / gamma) x / (a^2 - x^2)
     h = - theta_r x - (v / gamma) ln(1 - x^2 / a^2)
+
+With a curvature length l all this holds of s = theta - l d2h/dx2 instead of theta.
 """
 
 from dataclasses import dataclass
@@ -43,8 +45,8 @@ class Silo:
         return self.inflow * (self.length - x) / self.length
 
     def slope(self, x: Floats) -> Floats:
-        """Theta (cell,), for x < L."""
-        return self.repose_slope - self.velocity / (self.rate * (self.length - x))
+        """Theta, or s for l > 0, (cell,), for x < L."""
+        return np.asarray(self.repose_slope - self.velocity / (self.rate * (self.length - x)))
 
 
 @dataclass(frozen=True)
@@ -62,14 +64,14 @@ class Drum:
         return self.turning_rate / (2 * self.velocity) * (self.radius**2 - x**2)
 
     def slope(self, x: Floats) -> Floats:
-        """Theta (cell,)."""
-        excess = 2 * self.velocity / self.rate * x / (self.radius**2 - x**2)
-        return self.repose_slope - excess
+        """Theta, or s for l > 0, (cell,)."""
+        reach = self.radius**2 - x**2
+        return np.asarray(self.repose_slope - 2 * self.velocity / self.rate * x / reach)
 
     def height(self, x: Floats) -> Floats:
-        """h (cell,) [cm] above the axis: an S, with a logarithm at either rim."""
+        """H (cell,) [cm] above the axis for l = 0: an S, with a logarithm at either rim."""
         bend = np.log1p(-((x / self.radius) ** 2))
-        return -self.repose_slope * x - self.velocity / self.rate * bend
+        return np.asarray(-self.repose_slope * x - self.velocity / self.rate * bend)
 
 
 def silo_of(experiment: Experiment) -> Silo:
@@ -102,7 +104,6 @@ def _one_species(experiment: Experiment, shape: str) -> tuple[float, float, floa
     conditions = {
         f"cell.shape: {shape}": experiment.cell.shape == shape,
         "mixture: one species": mixture.species == 1,
-        "mixture.curvature_length: 0": law.curvature_length == 0,
         "mixture.smoothing: 0": law.smoothing == 0,
         "mixture.dispersion: 0": law.dispersion == 0,
     }

@@ -32,7 +32,7 @@ class Perturbation:
 
     @property
     def exponent(self) -> float:
-        """omega."""
+        """Omega."""
         return (self.velocity + self.added_velocity) / self.velocity
 
     def loss_rate(self, x: Floats) -> Floats:

@@ -19,7 +19,8 @@ The paper's simplified forms, for R1_0 = R2_0 and r << L, are :class:`Simplified
 
 They are only O(r / L): theta jumps by -v / (gamma (L - x_m)) at x_m, for one.
 
-It holds for equal v, gamma_11 = gamma_22, theta_12 - theta_11 = theta_22 - theta_21 and l = 0.
+It holds for equal v, gamma_11 = gamma_22, theta_12 - theta_11 = theta_22 - theta_21, and of
+s = theta - l d2h/dx2 in the place of theta where there is a curvature length l.
 Region A ends where theta falls to theta_2(phi_1 = 1) = theta_21; the paper's text has
 theta_1(phi_2 = 1) there.
 """
@@ -92,7 +93,7 @@ class SteadyState:
         return np.stack([phi_1, 1.0 - phi_1], axis=-1)
 
     def slope(self, x: Floats) -> Floats:
-        """Theta (cell,), for 0 <= x < L."""
+        """Theta, or s for l > 0, (cell,), for 0 <= x < L."""
         r1, r2 = self.inflow
         g = self.cross_rate / self.rate
         scale = self.length / self.total_inflow
@@ -131,7 +132,7 @@ class SimplifiedSteadyState(SteadyState):
         return np.stack([phi_1, 1.0 - phi_1], axis=-1)
 
     def slope(self, x: Floats) -> Floats:
-        """Theta (cell,), for 0 <= x < L."""
+        """Theta, or s for l > 0, (cell,), for 0 <= x < L."""
         m = self.theta_22 - self.theta_11 + self.psi
         below = self.theta_22 - m * self._decay(x) - self.velocity / (self.rate * (self.length - x))
         return np.where(x < self.middle, super().slope(x), below)
@@ -157,7 +158,7 @@ def steady_state_of(experiment: Experiment) -> SteadyState:
             theta_12 - theta_11, theta_22 - theta_21
         ),
         "repose_slope: psi = theta_11 - theta_21 > 0": theta_11 > theta_21,
-        "curvature_length: 0": mixture.curvature_length == 0,
+        "dispersion: 0": mixture.dispersion == 0,
         "smoothing: 0": mixture.smoothing == 0,
         "cross_amplification: none": not np.any(mixture.cross_amplification or 0),
     }
