@@ -6,8 +6,9 @@ extrapolation and Roache's grid convergence index follow (Annu. Rev. Fluid Mech.
     p = ln((f3 - f2) / (f2 - f1)) / ln r      f = f1 + (f1 - f2) / (r^p - 1)
     error = F |f1 - f2| / (r^p - 1)           F = 1.25
 
-Where the differences change sign, or p is not within CREDIBLE, there is no observed order: p is
-then the formal one, FORMAL_ORDER, and F = 3.
+Where p is not within CREDIBLE there is no observed order: p is then the formal one, FORMAL_ORDER,
+and F = 3. Where the differences change sign, the larger one makes the error, for the last step of a
+sequence that swings may be small by chance.
 """
 
 import math
@@ -18,7 +19,7 @@ from typing import NamedTuple
 import xarray as xr
 
 from compare.measurement import measure, refuse_unlike
-from compare.quantities import cell_length
+from compare.quantities import cell_width
 from experiment import ArchiveError, SetupError
 from experiment.archive import experiment_of
 from experiment.arrays import Floats
@@ -34,7 +35,8 @@ SAFE, WIDE = 1.25, 3.0  # F with an observed order, and without
 COMMENT = (
     f"error bars as dx -> 0: grid convergence index of the three finest grids, factor {SAFE:g} "
     f"where the observed order is from {CREDIBLE[0]:g} to {CREDIBLE[1]:g}, else factor {WIDE:g} "
-    f"at order {FORMAL_ORDER:g}; in quadrature with the finest grid's standard error"
+    f"at order {FORMAL_ORDER:g} of the last step, or the larger one where they change sign; "
+    f"in quadrature with the finest grid's standard error"
 )
 
 
@@ -59,7 +61,7 @@ def converge(archives: Sequence[xr.Dataset]) -> xr.Dataset:
     ratio = refinement_ratio(cells)
     _refuse_all_but_grids(archives)
     found = xr.concat([measure(archive) for archive in archives], "cells")
-    spacing = [cell_length(archive) / n for archive, n in zip(archives, cells, strict=True)]
+    spacing = [cell_width(archive) for archive in archives]
     finest = archives[-1].attrs
     return (
         found[[name + error for name in QUANTITIES for error in ("", "_error")]]
@@ -91,8 +93,10 @@ def limit(values: Sequence[float] | Floats, ratio: float) -> Limit:
     order = _observed_order(f3 - f2, f2 - f1, ratio)
     credible = CREDIBLE[0] <= order <= CREDIBLE[1]
     factor, p = (SAFE, order) if credible else (WIDE, FORMAL_ORDER)
-    step = (f1 - f2) / (ratio**p - 1)
-    return Limit(f1 + step, factor * abs(step), order if credible else math.nan)
+    scale = ratio**p - 1
+    swings = (f3 - f2) * (f2 - f1) < 0
+    largest = max(abs(f1 - f2), abs(f2 - f3)) if swings else abs(f1 - f2)
+    return Limit(f1 + (f1 - f2) / scale, factor * largest / scale, order if credible else math.nan)
 
 
 def refinement_ratio(cells: Sequence[int]) -> float:

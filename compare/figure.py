@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from compare.kymograph import fronts, kinks
-from compare.quantities import cell_length, coarseness, settled_since
+from compare.quantities import coarseness, settled_since, total_inflow
 from experiment.arrays import Floats
 from experiment.errors import ArchiveError
 from experiment.files import whole_file
@@ -45,13 +45,18 @@ def draw(archives: Sequence[xr.Dataset]) -> "Figure":
 
 
 def draw_deposit(axes: "Axes", archive: xr.Dataset) -> None:
-    """The deposit, small grains dark and large ones bright; before pouring: grey."""
+    """The deposit, small grains dark and large ones bright; before pouring: grey.
+
+    A drum, into which nothing is poured, is drawn as the round thing that it is.
+    """
     x, z = archive["x"].values, archive["z"].values
     coarse = coarseness(archive["deposit_fraction"], archive).values
-    length = cell_length(archive)
     top = float(archive["height"].isel(time=-1).max())
-    image = axes.imshow(coarse, extent=(0, length, *_edges(z)), vmin=0, vmax=1, rasterized=True)
-    axes.fill_between(x, archive["base_height"].values, color="0.85", linewidth=0)
+    image = axes.imshow(coarse, extent=(*_edges(x), *_edges(z)), vmin=0, vmax=1, rasterized=True)
+    if total_inflow(archive) > 0:
+        axes.fill_between(x, archive["base_height"].values, color="0.85", linewidth=0)
+    else:
+        axes.set_aspect("equal")
     axes.set_ylim(0, 1.05 * top)
     axes.set(
         xlabel="x (cm)", ylabel="z (cm)", title=f"{MODEL_NAMES[archive.attrs['model']]}: deposit"
@@ -65,22 +70,27 @@ def draw_kymograph(axes: "Axes", archive: xr.Dataset) -> None:
     time = archive["time"].values
     image = axes.imshow(
         thickness,
-        extent=(0, cell_length(archive), *_edges(time)),
+        extent=(*_edges(archive["x"].values), *_edges(time)),
         cmap="Greys",
         vmin=0,
         vmax=PALE * float(np.quantile(thickness, 0.995)),
         rasterized=True,
     )
-    for lines, style in ((fronts(archive), FRONT), (kinks(archive), KINK)):
-        for passage in lines["passage"]:
-            axes.plot(lines["x"], passage, **style)
-    axes.axhline(settled_since(archive), **SETTLED)
+    if total_inflow(archive) > 0:
+        _draw_lines(axes, archive)
     axes.set(
         xlabel="x (cm)",
         ylabel="t (s)",
         title=f"{MODEL_NAMES[archive.attrs['model']]}: rolling grains",
     )
     axes.figure.colorbar(image, ax=axes, label="R (cm)")
+
+
+def _draw_lines(axes: "Axes", archive: xr.Dataset) -> None:
+    for lines, style in ((fronts(archive), FRONT), (kinks(archive), KINK)):
+        for passage in lines["passage"]:
+            axes.plot(lines["x"], passage, **style)
+    axes.axhline(settled_since(archive), **SETTLED)
 
 
 def _edges(middles: Floats) -> tuple[float, float]:

@@ -32,8 +32,11 @@ def measure(archive: xr.Dataset) -> xr.Dataset:
     """Every number that one archive gives: a Dataset of scalars with units and long names.
 
     Velocities are magnitudes: kinks go uphill, fronts downhill. Numbers that need layers are NaN
-    where the regime is not `stratified`, those that need lines where there are none.
+    where the regime is not `stratified`, those that need lines where there are none. Raises
+    :class:`ArchiveError` for a drum.
     """
+    if total_inflow(archive) == 0:
+        raise ArchiveError("nothing is poured into a drum: kinks and layers are those of a pour")
     found = layers(archive)
     apart = segregation(archive)
     strength = float(found["layering"])

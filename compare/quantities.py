@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 __all__ = [
     "cell_height",
     "cell_length",
+    "cell_width",
     "coarseness",
     "flux",
     "measured_columns",
@@ -36,10 +37,15 @@ def velocity(archive: xr.Dataset) -> float:
     return flux(archive) / total_inflow(archive)
 
 
-def cell_length(archive: xr.Dataset) -> float:
-    """L [cm], from the evenly spaced cells or columns."""
+def cell_width(archive: xr.Dataset) -> float:
+    """Width [cm] of the evenly spaced cells or columns along x."""
     x = archive["x"].values
-    return float(len(x) * (x[1] - x[0]))
+    return float(x[1] - x[0])
+
+
+def cell_length(archive: xr.Dataset) -> float:
+    """L [cm], from the pouring point to the end on its right."""
+    return float(archive["x"].values[-1]) + cell_width(archive) / 2
 
 
 def cell_height(archive: xr.Dataset) -> float:
@@ -66,7 +72,10 @@ def settled_thickness(archive: xr.Dataset) -> float:
 
 
 def measured_columns(archive: xr.Dataset) -> NDArray[np.bool_]:
-    """Which columns (x,) are measured: not the fifth of the cell at either end."""
+    """Which columns (x,) are measured: not the fifth of the slope at either end.
+
+    Of a heap, the slope on the right.
+    """
     x = archive["x"].values
     length = cell_length(archive)
     return (x > EDGE_SHARE * length) & (x < (1 - EDGE_SHARE) * length)

@@ -29,7 +29,7 @@ def test_a_heap_is_the_same_on_both_sides() -> None:
 def test_a_drums_surface_falls_through_its_middle() -> None:
     cell = Cell(shape="drum", length=20.0, start_slope=0.5, turning_rate=0.1)
     assert (cell.left, cell.right) == (-10.0, 10.0)
-    assert cell.base_height(np.array([-10.0, 0.0, 10.0])).tolist() == [5.0, 0.0, -5.0]
+    assert cell.base_height(np.array([-10.0, 0.0, 10.0])).tolist() == [15.0, 10.0, 5.0]
 
 
 def test_a_given_surface_is_linear_between_its_points() -> None:
