@@ -11,7 +11,7 @@ from experiment import Experiment, NotApplicableError, load
 
 
 def segregation(*settings: str) -> Experiment:
-    """Coarse, and so faster to test; the cells are as wide as in a convergence study's first."""
+    """The preset on a coarse grid."""
     return load("makse-segregation", ["continuum.cells=100", *settings])
 
 
@@ -135,6 +135,21 @@ def test_a_single_species_lies_steady() -> None:
     rates = growth_rates(segregation(one, "feed.inflow=[1.0]", "cell.length=20.0"), 3)
     assert (np.diff(rates.real) <= 0).all()
     assert (rates.real < 0).all()
+
+
+def test_three_species_that_segregate_have_a_steady_pile_too() -> None:
+    """There is no closed form for them: a pour leads to it, and a step of theirs keeps it."""
+    experiment = segregation(
+        "mixture={names=['a','b','c'], grain_diameter=[0.05,0.1,0.15], drift_velocity=1.0, "
+        "repose_slope=[[1.0,0.95,0.9],[0.8,0.75,0.7],[0.6,0.55,0.5]], "
+        "collision_rate=[[1.0,0.1,0.1],[0.1,1.0,0.1],[0.1,0.1,1.0]]}",
+        "feed.inflow=[0.3,0.3,0.3]",
+        "cell.length=50.0",
+    )
+    found = spectrum_of(experiment, 2)
+    assert found.growth_rate[0].real < 0
+    rolling = found.steady[:, :3]
+    np.testing.assert_allclose(rolling.sum(axis=1), 0.9 * (1 - (found.x + 0.25) / 50), atol=1e-8)
 
 
 def test_without_an_onset_in_the_bracket_the_error_says_so() -> None:

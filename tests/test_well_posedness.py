@@ -1,12 +1,13 @@
 """Short waves on an endless slope: without a curvature length, nothing stops the finest."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from continuum import law_of, steady_state_of
-from continuum.kernel import Grid
 from continuum.law import Law, interaction
 from continuum.theory import (
     UniformFlow,
@@ -16,7 +17,7 @@ from continuum.theory import (
     uniform_flows,
     wave_rates,
 )
-from continuum.theory.spectrum import Step
+from continuum.theory.spectrum import step_of
 from continuum.theory.well_posedness import response
 from experiment import NotApplicableError, load
 
@@ -169,8 +170,13 @@ def test_waves_on_a_slope_grow_in_the_kernel_as_they_should(
     """How ten steps change the amplitudes of each field; the upwind slope adds dx/2 to l."""
     flow, law = where_species_meet(48.0)
     cells, dx, steps = 700, 0.01, 10
-    kernel = Step(
-        law._replace(curvature_length=curvature), Grid(dx, dx, 1e9), ALIKE, flow.rolling, cells
+    kernel = step_of(load("makse-stratification"))
+    kernel = replace(
+        kernel,
+        law=law._replace(curvature_length=curvature),
+        grid=kernel.grid._replace(dx=dx, dt=dx),
+        inflow=flow.rolling,
+        cells=cells,
     )
     uniform = np.tile([*flow.rolling, flow.fraction[0], flow.slope], (cells, 1))
     wave = np.exp(2j * np.pi * np.arange(cells) * dx / wavelength)
