@@ -22,22 +22,19 @@ def section_of_pile(slopes: list[Slope]) -> tuple[Floats, Floats]:
 def section_of_drum(slope: Slope, radius: float) -> tuple[Floats, Floats]:
     """Z (z,) [cm] above the lowest point of a drum of that `radius` [cm], and what fills it.
 
-    A point of the body at distance r from the axis, at an angle below the surface, lies at the arc
-    length r * angle along the tape of its half ring; what lies above the axis is taken upright.
+    A point at distance r from the axis, at an angle below the level of the axis downhill, lies at
+    the arc length r * angle along the tape of its half ring.
     """
     dx, flow = slope.grid.dx, slope.flow
-    z = (np.arange(math.ceil(float(flow.height.max()) / dx) + 1) + 0.5) * dx
+    z = (np.arange(len(slope.x)) + 0.5) * dx
     x, y = np.meshgrid(slope.x, z - radius)
-    ring = (np.hypot(x, np.minimum(y, 0.0)) / dx).astype(np.int64)
+    ring = (np.hypot(x, y) / dx).astype(np.int64)
+    angle = np.mod(np.arctan2(-y, x) + np.pi / 2, 2 * np.pi) - np.pi / 2
     half = len(slope.x) // 2
     fraction = np.full((len(flow.rolling), *x.shape), np.nan)
     for k in range(half):
         here = ring == k
-        downhill = float(flow.height[half + k]) - radius
-        arc = downhill + np.arctan2(-y[here], x[here]) * (k + 0.5) * dx
-        above = y[here] > 0
-        arc[above] = (downhill - y[here] * np.sign(x[here]))[above]
-        arc[above & (x[here] < 0)] += np.pi * (k + 0.5) * dx
+        arc = flow.height[half + k] - radius + angle[here] * (k + 0.5) * dx
         fraction[:, here] = _on_tape(_whole_tape(flow, half + k), arc)
     return z, fraction.transpose(1, 2, 0)
 

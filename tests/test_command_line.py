@@ -125,7 +125,7 @@ def refused(done: subprocess.CompletedProcess[str]) -> str:
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (["pour", "sand"], "'sand': no such preset or file; presets: glass-sugar"),
+        (["pour", "sand"], "'sand': no such preset or file; presets: bcre"),
         (["pour", "gone.toml"], "'gone.toml' cannot be read: No such file"),
         (["pour", "glass-sugar", "--set=mixture.grain_diameter.0=-1.0"], "[0] = -1.0: it should"),
         (["pour", "glass-sugar", "--set=mixture.collision_rate=[[1.0]]"], "a 2 x 2 matrix"),

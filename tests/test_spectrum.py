@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from continuum import steady_state_of
 from continuum.kernel import advance
 from continuum.theory import critical_delta, growth_rates, leading_growth_rate, spectrum_of
 from continuum.theory.spectrum import Step, step_of
+from continuum.theory.steady_state import steady_state_of
 from experiment import Experiment, NotApplicableError, load
 
 

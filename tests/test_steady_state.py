@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from continuum import steady_state_of
+from continuum.theory import steady_state_of
 from experiment import NotApplicableError, load
 
 CELLS = (75, 150, 300)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from continuum import law_of, steady_state_of
+from continuum import law_of
 from continuum.law import Law, interaction
 from continuum.theory import (
     UniformFlow,
@@ -18,6 +18,7 @@ from continuum.theory import (
     wave_rates,
 )
 from continuum.theory.spectrum import step_of
+from continuum.theory.steady_state import steady_state_of
 from continuum.theory.well_posedness import response
 from experiment import NotApplicableError, load
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from continuum.law import law_of
+from continuum.theory.applicability import refuse_unless, steady_silo
 from experiment import Experiment, NotApplicableError
 from experiment.arrays import Floats
 
@@ -47,20 +48,19 @@ def minimal_model_of(experiment: Experiment) -> MinimalModel:
     if mixture.species != 2:
         raise NotApplicableError("mixture: the minimal model needs two species")
     gamma, theta, mu = law.collision_rate, law.repose_slope, law.cross_amplification
-    conditions = {
-        "repose_slope: the same on either surface": bool((theta[:, 0] == theta[:, 1]).all()),
-        "collision_rate: gamma_11 = gamma_22, none across": (
+    conditions = steady_silo(experiment) | {
+        "mixture.repose_slope: the same on either surface": bool(
+            (theta[:, 0] == theta[:, 1]).all()
+        ),
+        "mixture.collision_rate: gamma_11 = gamma_22, none across": (
             gamma[0, 0] == gamma[1, 1] and gamma[0, 1] == gamma[1, 0] == 0
         ),
-        "cross_amplification: mu_12 = mu_21 > 0": mu[0, 1] == mu[1, 0] > 0,
-        "drift_velocity: equal for both species": len(set(mixture.drift_velocity)) == 1,
-        "curvature_length: 0": law.curvature_length == 0,
-        "smoothing: 0": law.smoothing == 0,
-        "dispersion: 0": law.dispersion == 0,
+        "mixture.cross_amplification: mu_12 = mu_21 > 0": mu[0, 1] == mu[1, 0] > 0,
+        "mixture.drift_velocity: equal for both species": len(set(mixture.drift_velocity)) == 1,
+        "mixture.smoothing: 0": law.smoothing == 0,
+        "mixture.dispersion: 0": law.dispersion == 0,
     }
-    for condition, holds in conditions.items():
-        if not holds:
-            raise NotApplicableError(f"mixture.{condition}; the minimal model holds for no other")
+    refuse_unless(conditions, "the minimal model")
     crossing = experiment.cell.length / mixture.drift_velocity[0]
     return MinimalModel(
         length=experiment.cell.length,

@@ -19,7 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from continuum.law import law_of
-from experiment import Experiment, NotApplicableError
+from continuum.theory.applicability import refuse_unless, steady_silo
+from experiment import Experiment
 from experiment.arrays import Floats
 
 __all__ = ["Drum", "Silo", "drum_of", "silo_of"]
@@ -76,7 +77,7 @@ class Drum:
 
 def silo_of(experiment: Experiment) -> Silo:
     """The closed form for `experiment`; :class:`NotApplicableError` says where there is none."""
-    velocity, rate, repose_slope = _one_species(experiment, "silo")
+    velocity, rate, repose_slope = _one_species(experiment, steady_silo(experiment))
     return Silo(
         length=experiment.cell.length,
         inflow=float(experiment.feed.mean_inflow[0]),
@@ -88,7 +89,9 @@ def silo_of(experiment: Experiment) -> Silo:
 
 def drum_of(experiment: Experiment) -> Drum:
     """The closed form for `experiment`; :class:`NotApplicableError` says where there is none."""
-    velocity, rate, repose_slope = _one_species(experiment, "drum")
+    velocity, rate, repose_slope = _one_species(
+        experiment, {"cell.shape: drum": experiment.cell.shape == "drum"}
+    )
     return Drum(
         radius=experiment.cell.length / 2,
         turning_rate=experiment.cell.turning_rate or 0.0,
@@ -98,17 +101,14 @@ def drum_of(experiment: Experiment) -> Drum:
     )
 
 
-def _one_species(experiment: Experiment, shape: str) -> tuple[float, float, float]:
-    """V, gamma and theta_r of the one species that pours into a cell of that `shape`."""
+def _one_species(experiment: Experiment, conditions: dict[str, bool]) -> tuple[float, float, float]:
+    """V, gamma and theta_r of the one species, where the conditions on its cell are met, too."""
     mixture, law = experiment.mixture, law_of(experiment.mixture)
-    conditions = {
-        f"cell.shape: {shape}": experiment.cell.shape == shape,
+    conditions = conditions | {
         "mixture: one species": mixture.species == 1,
         "mixture.smoothing: 0": law.smoothing == 0,
         "mixture.dispersion: 0": law.dispersion == 0,
     }
-    for condition, holds in conditions.items():
-        if not holds:
-            raise NotApplicableError(f"{condition}; de Gennes' solution holds for no other")
+    refuse_unless(conditions, "de Gennes' solution")
     rate, repose_slope = law.collision_rate[0, 0], law.repose_slope[0, 0]
     return mixture.drift_velocity[0], float(rate), float(repose_slope)

@@ -25,10 +25,12 @@ from scipy.optimize import brentq
 from scipy.sparse import coo_array, csr_array, eye_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, splu
 
-from continuum.kernel import Flow, Grid, advance, substeps_at
+from continuum.kernel import advance, substeps_at
 from continuum.law import Law, law_of
 from continuum.run import Resolution, pour
-from continuum.steady_state import steady_state_of
+from continuum.state import Flow, Grid
+from continuum.theory.steady_state import steady_state_of
+from continuum.transport import dispersion_substeps
 from experiment import Experiment, NotApplicableError
 from experiment.arrays import Floats, Ints
 from experiment.experiment import set_values
@@ -128,17 +130,22 @@ class Step:
             rolling=state[:, :species].T.copy(),
             surface=self.law.surface_depth * fraction.T.copy(),
             filling=np.zeros(shape),
-            deposit=np.zeros((*shape, 3)),
+            tape=np.zeros((*shape, 5)),
+            row=np.arange(self.cells),
+            up=np.ones(self.cells, dtype=np.int64),
             top=np.zeros(self.cells, dtype=np.int64),
+            sealed=np.zeros(self.cells, dtype=np.int64),
             rigid=np.zeros(self.cells),
             rigid_fraction=np.full(species, 1.0 / species),
+            outflow=np.zeros(species),
         )
 
     def jacobian(self, state: Floats) -> csr_array:
         """J = dF/dU: cells out of each other's reach are disturbed together."""
         cells, fields = state.shape
         rate = float(self.law.collision_rate.max(axis=1) @ self.inflow)
-        reach = substeps_at(rate, self.law, self.grid) + 3
+        spread = dispersion_substeps(self.law.dispersion, self.grid)
+        reach = substeps_at(rate, self.law, self.grid) + spread + 3
         field, around = np.arange(fields), np.arange(-reach, reach + 1)
         rows, columns, values = [], [], []
         for first in range(min(around.size, cells)):
@@ -167,6 +174,11 @@ class Step:
 
 def step_of(experiment: Experiment) -> Step:
     """The kernel's step for a set-up, fed its mean inflow, with bins that never fill."""
+    if (experiment.cell.shape, experiment.cell.end) != ("silo", "wall"):
+        raise NotApplicableError(
+            f"cell.shape = {experiment.cell.shape!r}, cell.end = {experiment.cell.end!r}: "
+            "the spectrum is that of a silo with a wall"
+        )
     resolution = Resolution.parse(experiment.continuum, "continuum")
     return Step(
         law=law_of(experiment.mixture),
@@ -183,7 +195,7 @@ def changed(experiment: Experiment, *settings: str) -> Experiment:
 
 
 def first_guess(experiment: Experiment, step: Step) -> Floats:
-    """The closed form for l = 0 and sharp P or, where there is none, the end of a long pour.
+    """The closed form for D = 0 and sharp P or, where there is none, the end of a long pour.
 
     The pour's surface layer is thick, for steady states do not depend on it and waves die out in it
     (unless the pile stratifies strongly).
@@ -191,7 +203,7 @@ def first_guess(experiment: Experiment, step: Step) -> Floats:
     edge = (np.arange(step.cells) + 1) * step.grid.dx
     edge[-1] = experiment.cell.length
     guess = np.zeros((step.cells, 2 * len(step.inflow)))
-    sharp = changed(experiment, "mixture.curvature_length=0.0", "mixture.smoothing=0.0")
+    sharp = changed(experiment, "mixture.dispersion=0.0", "mixture.smoothing=0.0")
     try:
         closed = steady_state_of(sharp)
     except NotApplicableError:

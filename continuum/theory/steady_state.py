@@ -30,6 +30,7 @@ from typing import Self
 
 import numpy as np
 
+from continuum.theory.applicability import refuse_unless, steady_silo
 from experiment import Experiment, NotApplicableError
 from experiment.arrays import Floats
 
@@ -151,20 +152,18 @@ def steady_state_of(experiment: Experiment) -> SteadyState:
     velocity = mixture.drift_velocity[0]
     r1, r2 = experiment.feed.inflow
     length = experiment.cell.length
-    conditions = {
-        "drift_velocity: equal for both species": mixture.drift_velocity[1] == velocity,
-        "collision_rate: gamma_11 = gamma_22": rates[0][0] == rates[1][1],
-        "repose_slope: theta_12 - theta_11 = theta_22 - theta_21": np.isclose(
+    conditions = steady_silo(experiment) | {
+        "mixture.drift_velocity: equal for both species": mixture.drift_velocity[1] == velocity,
+        "mixture.collision_rate: gamma_11 = gamma_22": rates[0][0] == rates[1][1],
+        "mixture.repose_slope: theta_12 - theta_11 = theta_22 - theta_21": np.isclose(
             theta_12 - theta_11, theta_22 - theta_21
         ),
-        "repose_slope: psi = theta_11 - theta_21 > 0": theta_11 > theta_21,
-        "dispersion: 0": mixture.dispersion == 0,
-        "smoothing: 0": mixture.smoothing == 0,
-        "cross_amplification: none": not np.any(mixture.cross_amplification or 0),
+        "mixture.repose_slope: psi = theta_11 - theta_21 > 0": theta_11 > theta_21,
+        "mixture.dispersion: 0": mixture.dispersion == 0,
+        "mixture.smoothing: 0": mixture.smoothing == 0,
+        "mixture.cross_amplification: none": not np.any(mixture.cross_amplification or 0),
     }
-    for condition, holds in conditions.items():
-        if not holds:
-            raise NotApplicableError(f"mixture.{condition}; the steady state holds for no other")
+    refuse_unless(conditions, "the steady state")
     state = SteadyState(
         length=length,
         inflow=(r1, r2),
