@@ -1,71 +1,57 @@
-"""What lies under the surface layer: burying, and digging up what was buried, last first.
+"""What lies under the open bin: sealing bins, and digging up what was buried, last first.
 
-What the surface layer holds beyond its depth d goes, as it is mixed, into the open bin; where it
-holds less, the open bin refills it, and then the sealed bins of the tape, topmost first. Bins are
-sealed when they hold dz. Nothing below the tape's last bin can be dug up: it is rigid, or rolls
-away at a drum's other end.
-
-Arrays are (species, cell); loops along the cells run in vector lanes, sealing and reopening of bins
-are rare and go cell by cell.
+The surface layer's excess goes into the cell's open bin, which refills it where it lacks grains
+(kernel.py). Where the open bin runs empty the sealed bins of the tape are reopened, topmost first,
+before anything else happens; below the tape's last bin nothing can be dug up. At the end of a step
+open bins that hold more than dz are sealed. Both are rare and go cell by cell.
 """
 
-import numpy as np
 from numba import njit
 
 from continuum.state import Flow, Grid
 from experiment.arrays import Floats
 
-__all__ = ["bury_or_dig_up", "is_nearly_full"]
-
-TINY = 1e-300  # cm; keeps 0 / 0 away where a bin is empty
+__all__ = ["dig_up", "is_nearly_full", "seal_full_bins", "some_lack"]
 
 
-@njit(cache=True, error_model="numpy")
-def bury_or_dig_up(flow: Flow, depth: float, grid: Grid) -> None:
-    """Bring each cell's surface layer back to its `depth` [cm], as far as the deposit can."""
-    species, cells = flow.surface.shape
-    held, filled = total(flow.surface), total(flow.filling)
-    buried, dug = np.empty(cells), np.empty(cells)
-    for i in range(cells):
-        wanted = max(depth - held[i], 0.0)
-        buried[i] = max(held[i] - depth, 0.0) / max(held[i], depth)
-        dug[i] = wanted / max(wanted, filled[i], TINY)
-    for a in range(species):
-        for i in range(cells):
-            moved = buried[i] * flow.surface[a, i] - dug[i] * flow.filling[a, i]
-            flow.surface[a, i] -= moved
-            flow.filling[a, i] += moved
-    for i in range(cells):
-        if held[i] + filled[i] < depth:
-            _reopen(flow, i, depth - held[i] - filled[i])
-        elif held[i] + filled[i] > depth + _capacity(flow, i, grid.dz):
-            _seal(flow, i, grid.dz)
+@njit(cache=True)
+def some_lack(beyond: Floats) -> bool:
+    """Whether any `beyond` (cell,) [cm] is negative."""
+    lacking = 0
+    for i in range(beyond.size):
+        lacking += beyond[i] < 0.0
+    return lacking > 0
 
 
 @njit(cache=True, error_model="numpy")
-def total(thickness: Floats) -> Floats:
-    """Sum over species (cell,) of thicknesses (species, cell)."""
-    summed: Floats = thickness[0].copy()
-    for a in range(1, thickness.shape[0]):
-        for i in range(summed.size):
-            summed[i] += thickness[a, i]
-    return summed
-
-
-@njit(cache=True, inline="always")
-def _capacity(flow: Flow, i: int, dz: float) -> float:
-    """What the open bin of cell i can hold; the lowest one is partly rigid."""
-    return dz - flow.rigid[i] if flow.top[i] == 0 else dz
+def dig_up(flow: Flow, beyond: Floats) -> None:
+    """Reopen sealed bins where the surface layer lacks grains, `beyond` (cell,) [cm] < 0."""
+    for i in range(beyond.size):
+        if beyond[i] < 0.0:
+            _reopen(flow, i, -beyond[i])
 
 
 @njit(cache=True, error_model="numpy")
+def seal_full_bins(flow: Flow, beyond: Floats, dz: float) -> None:
+    """Seal open bins that hold more than their capacity, `beyond` (cell,) [cm] > 0."""
+    for i in range(beyond.size):
+        if beyond[i] > 0.0:
+            _seal(flow, i, dz)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _seal(flow: Flow, i: int, dz: float) -> None:
     """Close the bins of cell i that are full, and go on filling the one above them."""
     row, bins = flow.row[i], flow.tape.shape[2]
-    filled = flow.filling[:, i].sum()
-    while filled > _capacity(flow, i, dz):
-        capacity = _capacity(flow, i, dz)
-        for a in range(flow.filling.shape[0]):
+    species = flow.filling.shape[0]
+    filled = 0.0
+    for a in range(species):
+        filled += flow.filling[a, i]
+    while True:
+        capacity = dz - flow.rigid[i] if flow.top[i] == 0 else dz
+        if filled <= capacity:
+            return
+        for a in range(species):
             sealed = capacity / filled * flow.filling[a, i]
             flow.filling[a, i] -= sealed
             flow.tape[a, row, flow.top[i] % bins] = sealed
@@ -74,21 +60,24 @@ def _seal(flow: Flow, i: int, dz: float) -> None:
         filled -= capacity
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _reopen(flow: Flow, i: int, wanted: float) -> None:
     """Refill the surface layer of cell i by `wanted` from the sealed bins, as far as they go."""
     row, bins = flow.row[i], flow.tape.shape[2]
+    species = flow.filling.shape[0]
     while wanted > 0.0 and flow.sealed[row] > 0:
         flow.top[i] -= flow.up[i]
         flow.sealed[row] -= 1
-        opened = flow.tape[:, row, flow.top[i] % bins]
-        filled = opened.sum()
+        place = flow.top[i] % bins
+        filled = 0.0
+        for a in range(species):
+            filled += flow.tape[a, row, place]
         dug = wanted / max(wanted, filled)
-        for a in range(opened.size):
-            moved = dug * opened[a]
-            flow.surface[a, i] += moved
-            flow.filling[a, i] += opened[a] - moved
-            opened[a] = 0.0
+        for a in range(species):
+            opened = flow.tape[a, row, place]
+            flow.surface[a, i] += dug * opened
+            flow.filling[a, i] += opened - dug * opened
+            flow.tape[a, row, place] = 0.0
         wanted -= filled
 
 

@@ -25,21 +25,19 @@ What is captured mixes into it; what it then holds beyond d is buried, and where
 was buried refills it (deposit.py). The rigid surface of before pouring counts as surface where the
 layer is thinner than d, and gives up no grains.
 
-Arrays are (species, cell), so that each loop runs along the cells, in vector lanes.
+What happens to a cell in a sub-step, exchange and burial, is done in one pass over the cells, on
+tuples with one value a species (species.py).
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from continuum.deposit import bury_or_dig_up, is_nearly_full, total
-from continuum.law import (
-    Law,
-    find_amplification_rate,
-    find_capture_rate,
-    find_repose_slope,
-)
+from continuum.deposit import dig_up, is_nearly_full, seal_full_bins, some_lack
+from continuum.law import Law, amplification_rates, capture_rates, repose_slopes
+from continuum.species import Rows, Values, at, put, total
 from continuum.state import Flow, Grid
 from continuum.transport import advect, disperse
 from experiment.arrays import Floats
@@ -48,48 +46,80 @@ __all__ = ["advance", "find_composition", "substeps_at"]
 
 
 COURANT = 0.25
+TINY = 1e-300  # cm; keeps 0 / 0 away where there is nothing
 
 
-@njit(cache=True, nogil=True)
+class Cells(NamedTuple):
+    """The state by rows, and what a sub-step tells of each cell."""
+
+    rolling: Rows  # (cell,) cm, as the next two
+    surface: Rows
+    filling: Rows
+    rigid_fraction: Values
+    slope: Floats  # (cell,) 1
+    beyond: Floats  # (cell,) cm; what the open bin holds beyond its capacity, or lacks (negative)
+
+
 def advance(flow: Flow, law: Law, grid: Grid, velocity: Floats, inflow: Floats) -> tuple[int, int]:
     """Advance `flow` by one step per row of `inflow` (step, species) [cm].
 
     Returns the number of steps taken, fewer than asked for where the deposit needs more bins first,
     and the largest number of sub-steps that one of them needed.
     """
-    slope = np.empty(flow.height.size)
+    cells = Cells(
+        rolling=tuple(flow.rolling),
+        surface=tuple(flow.surface),
+        filling=tuple(flow.filling),
+        rigid_fraction=tuple(flow.rigid_fraction),
+        slope=np.zeros_like(flow.height),
+        beyond=np.zeros_like(flow.height),
+    )
+    steps, substeps = take_steps(flow, cells, law, grid, velocity, inflow)
+    return steps, substeps
+
+
+@njit(cache=True, nogil=True)
+def take_steps(
+    flow: Flow, cells: Cells, law: Law, grid: Grid, velocity: Floats, inflow: Floats
+) -> tuple[int, int]:
+    """:func:`advance`, with the same state by rows."""
     most = 0
     for step in range(inflow.shape[0]):
         if is_nearly_full(flow, grid, inflow[step]):
             return step, most
         advect(flow, grid, velocity, inflow[step])
         disperse(flow.rolling, law.dispersion, grid)
-        substeps = _count_substeps(flow.rolling, law, grid)
+        substeps = substeps_at(_busiest_rate(cells.slope, flow.rolling, law), law, grid)
         most = max(most, substeps)
         for k in range(substeps):
-            _find_slope(slope, flow.height, law, grid)
-            _exchange(flow, slope, law, grid, grid.dt / substeps)
-            if math.isnan(grid.lip):
-                _capture_at_wall(flow, 1.0 / (substeps - k))
-            bury_or_dig_up(flow, law.surface_depth, grid)
+            _find_slope(cells.slope, flow.height, law, grid)
+            _exchange_and_bury(flow, cells, law, grid, grid.dt / substeps, 1.0 / (substeps - k))
+            if some_lack(cells.beyond):
+                dig_up(flow, cells.beyond)
             if grid.turning_rate > 0.0:
                 _turn(flow, grid, grid.dt / substeps)
-                _release_at_rim(flow, grid, grid.dt / substeps)
+        seal_full_bins(flow, cells.beyond, grid.dz)
+        if grid.turning_rate > 0.0:
+            _release_at_rim(flow, cells, law, grid)
     return inflow.shape[0], most
 
 
-@njit(cache=True, error_model="numpy")
-def find_composition(phi: Floats, surface: Floats, rigid_fraction: Floats, depth: float) -> None:
+def find_composition(surface: Floats, rigid_fraction: Floats, depth: float) -> Floats:
     """phi_a (species, cell) of surface layers that hold `surface` (species, cell) [cm].
 
     What a layer lacks of its depth is rigid surface of composition `rigid_fraction` (species,).
     """
-    species, cells = surface.shape
-    held = total(surface)
-    for a in range(species):
-        for i in range(cells):
-            bare = max(depth - held[i], 0.0)
-            phi[a, i] = (surface[a, i] + bare * rigid_fraction[a]) / (held[i] + bare)
+    phi = np.empty_like(surface)
+    _compose(tuple(phi), tuple(surface), tuple(rigid_fraction), depth)
+    return phi
+
+
+@njit(cache=True)
+def _compose(phi: Rows, surface: Rows, rigid_fraction: Values, depth: float) -> None:
+    for i in range(phi[0].size):
+        fraction = _composition(at(surface, i, rigid_fraction), rigid_fraction, depth)
+        for a in range(len(phi)):
+            phi[a][i] = fraction[a]
 
 
 @njit(cache=True, error_model="numpy")
@@ -100,83 +130,117 @@ def substeps_at(rate: float, law: Law, grid: Grid) -> int:
 
 
 @njit(cache=True, error_model="numpy")
-def _count_substeps(rolling: Floats, law: Law, grid: Grid) -> int:
+def _busiest_rate(rates: Floats, rolling: Floats, law: Law) -> float:
+    """The largest gamma R [cm/s] on the slope, each species at its largest rate; spoils `rates`."""
     species, cells = rolling.shape
-    rate = np.zeros(cells)
+    rates[:] = 0.0
     for a in range(species):
-        gamma = law.collision_rate[a].max()
+        fastest = 0.0
+        for b in range(species):
+            fastest = max(fastest, law.collision_rate[a][b])
         for i in range(cells):
-            rate[i] += gamma * rolling[a, i]
-    return substeps_at(rate.max(), law, grid)
+            rates[i] += fastest * rolling[a, i]
+    return _largest(rates)
+
+
+@njit(cache=True, error_model="numpy")
+def _largest(values: Floats) -> float:
+    """The largest of `values`, which are overwritten: folded in halves, so that lanes can do it."""
+    left = values.size
+    while left > 1:
+        half = (left + 1) // 2
+        for i in range(left - half):
+            values[i] = max(values[i], values[half + i])
+        left = half
+    return values[0]
 
 
 @njit(cache=True, error_model="numpy")
 def _find_slope(slope: Floats, height: Floats, law: Law, grid: Grid) -> None:
     """The slope s = theta - l d2h/dx2 at each cell's downhill edge; a wall's is not used."""
     last = height.size - 1
-    curvature = law.curvature_length / grid.dx
-    for i in range(last):
-        theta = (height[i] - height[i + 1]) / grid.dx
-        uphill = theta if i == 0 else (height[i - 1] - height[i]) / grid.dx
+    per_dx, curvature = 1.0 / grid.dx, law.curvature_length / grid.dx
+    slope[0] = (height[0] - height[1]) * per_dx
+    for i in range(1, last):
+        theta = (height[i] - height[i + 1]) * per_dx
+        uphill = (height[i - 1] - height[i]) * per_dx
         slope[i] = theta - curvature * (uphill - theta)
-    slope[last] = 0.0 if math.isnan(grid.lip) else (height[last] - grid.lip) / (0.5 * grid.dx)
+    slope[last] = 0.0 if math.isnan(grid.lip) else (height[last] - grid.lip) * 2.0 * per_dx
 
 
 @njit(cache=True, error_model="numpy")
-def _exchange(flow: Flow, slope: Floats, law: Law, grid: Grid, dt: float) -> None:
-    shape = flow.rolling.shape
-    phi, theta = np.empty(shape), np.empty(shape)
-    captured, amplified, settled = np.empty(shape), np.empty(shape), np.empty(shape)
-    find_composition(phi, flow.surface, flow.rigid_fraction, law.surface_depth)
-    find_repose_slope(theta, phi, law)
-    find_capture_rate(captured, theta, slope, law)
-    find_amplification_rate(amplified, theta, slope, flow.rolling, law)
-    first = 1 if grid.turning_rate > 0.0 else 0
-    beyond = flow.height.size - (1 if math.isnan(grid.lip) else 0)
-    for a in range(len(settled)):
-        _settle(settled[a], captured[a], amplified[a], flow.rolling[a], flow.surface[a], law, dt)
-        for i in range(first, beyond):
-            flow.rolling[a, i] -= settled[a, i]
-            flow.surface[a, i] += settled[a, i]
-            flow.height[i] += settled[a, i]
-
-
-@njit(cache=True, error_model="numpy")
-def _settle(
-    settled: Floats,
-    captured: Floats,
-    amplified: Floats,
-    rolling: Floats,
-    surface: Floats,
-    law: Law,
-    dt: float,
+def _exchange_and_bury(
+    flow: Flow, cells: Cells, law: Law, grid: Grid, dt: float, share: float
 ) -> None:
-    """Thickness (cell,) of a species that comes to rest within dt, less what is set rolling.
+    """Exchange grains for dt in all cells; a wall's captures `share` of what reached it.
 
-    `settled` must not share memory with the others, or the loop does not run in vector lanes.
+    Over a step's sub-steps a wall so captures all of it.
     """
-    for i in range(settled.size):
-        gain = _share(captured[i] * dt) * rolling[i]
-        loss = _share(amplified[i] / law.surface_depth * dt) * surface[i]
-        settled[i] = gain - loss
+    like = cells.rigid_fraction
+    wall = flow.height.size - 1 if math.isnan(grid.lip) else -1
+    for i in range(flow.height.size):
+        rolling, surface = at(cells.rolling, i, like), at(cells.surface, i, like)
+        settled = _settled(rolling, surface, cells.slope[i], cells.rigid_fraction, law, dt)
+        for a in range(len(settled)):
+            settled = put(settled, a, rolling[a] * share if i == wall else settled[a])
+        _lay(flow, cells, i, settled, law, grid)
+
+
+@njit(cache=True, inline="always")
+def _settled(
+    rolling: Values, surface: Values, slope: float, rigid_fraction: Values, law: Law, dt: float
+) -> Values:
+    """Thickness of each species that comes to rest within dt, less what is set rolling."""
+    phi = _composition(surface, rigid_fraction, law.surface_depth)
+    theta = repose_slopes(phi, law)
+    captured = capture_rates(theta, slope, law)
+    amplified = amplification_rates(theta, slope, rolling, law)
+    settled = phi
+    for a in range(len(phi)):
+        gain = _share(captured[a] * dt) * rolling[a]
+        loss = _share(amplified[a] * (dt / law.surface_depth)) * surface[a]
+        settled = put(settled, a, gain - loss)
+    return settled
+
+
+@njit(cache=True, inline="always")
+def _composition(surface: Values, rigid_fraction: Values, depth: float) -> Values:
+    held = total(surface)
+    bare, per_layer = max(depth - held, 0.0), 1.0 / max(held, depth)
+    phi = surface
+    for a in range(len(surface)):
+        phi = put(phi, a, (surface[a] + bare * rigid_fraction[a]) * per_layer)
+    return phi
 
 
 @njit(cache=True, inline="always")
 def _share(c: float) -> float:
     """1 - exp(-c): what share is converted where rate times time is c."""
-    growth = c * (1.0 + c / 2.0 * (1.0 + c / 3.0 * (1.0 + c / 4.0)))
+    growth = c * (1.0 + c * (1.0 / 2.0 + c * (1.0 / 6.0 + c * (1.0 / 24.0))))
     return growth / (1.0 + growth)
 
 
-@njit(cache=True, error_model="numpy")
-def _capture_at_wall(flow: Flow, share: float) -> None:
-    """The last cell captures `share` of what reached it; over a step's sub-steps, all of it."""
-    last = flow.height.size - 1
-    for a in range(flow.rolling.shape[0]):
-        settled = flow.rolling[a, last] * share
-        flow.rolling[a, last] -= settled
-        flow.surface[a, last] += settled
-        flow.height[last] += settled
+@njit(cache=True, inline="always")
+def _lay(flow: Flow, cells: Cells, i: int, settled: Values, law: Law, grid: Grid) -> None:
+    """Lay what settled onto cell i, and bring its surface layer back to its depth d.
+
+    What the layer holds beyond d goes into the open bin below it, which refills it where it holds
+    less, as far as the bin can.
+    """
+    surface, filling = at(cells.surface, i, settled), at(cells.filling, i, settled)
+    for a in range(len(settled)):
+        cells.rolling[a][i] -= settled[a]
+        surface = put(surface, a, surface[a] + settled[a])
+    flow.height[i] += total(settled)
+    held, filled = total(surface), total(filling)
+    excess = held - law.surface_depth
+    capacity = grid.dz - flow.rigid[i] if flow.top[i] == 0 else grid.dz
+    cells.beyond[i] = min(excess + filled, 0.0) + max(excess + filled - capacity, 0.0)
+    share = excess / max(held if excess > 0.0 else filled, abs(excess), TINY)
+    for a in range(len(settled)):
+        buried = share * (surface[a] if share > 0.0 else filling[a])
+        cells.surface[a][i] = surface[a] - buried
+        cells.filling[a][i] = filling[a] + buried
 
 
 @njit(cache=True, error_model="numpy")
@@ -194,12 +258,11 @@ def _turn(flow: Flow, grid: Grid, dt: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _release_at_rim(flow: Flow, grid: Grid, dt: float) -> None:
-    """Set rolling what the turning of a drum lifts in its first cell, where no flow arrives."""
-    lifted = grid.turning_rate * 0.5 * (flow.height.size - 1) * grid.dx * dt
-    share = lifted / max(lifted, flow.surface[:, 0].sum())
-    for a in range(flow.rolling.shape[0]):
-        released = share * flow.surface[a, 0]
-        flow.rolling[a, 0] += released
-        flow.surface[a, 0] -= released
-        flow.height[0] -= released
+def _release_at_rim(flow: Flow, cells: Cells, law: Law, grid: Grid) -> None:
+    """Set rolling what the turning of a drum lifted in its first cell, where no flow arrives."""
+    lifted = grid.turning_rate * 0.5 * (flow.height.size - 1) * grid.dx * grid.dt
+    settled = at(cells.surface, 0, cells.rigid_fraction)
+    share = lifted / max(lifted, total(settled))
+    for a in range(len(settled)):
+        settled = put(settled, a, -share * settled[a])
+    _lay(flow, cells, 0, settled, law, grid)

@@ -9,7 +9,7 @@ Makse, PRE 56, 7008 (1997), Eqs. (canonical2), (dependence), (mcs-r), for N spec
 constant cross-amplification of Boutreux and de Gennes. P(z) = (z + sqrt(z^2 + w^2)) / 2: without
 smoothing (w = 0) this is max(z, 0) exactly. First index of a matrix: the rolling species.
 
-Arrays are (species, cell), so that each loop runs along the cells; results go into the first one.
+The exchange is local: the functions take the values of one cell, tuples with one number a species.
 """
 
 import math
@@ -18,26 +18,29 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from continuum.species import Rows, Values, at, put
 from experiment import Mixture, NotApplicableError
 from experiment.arrays import Floats
 
 __all__ = [
     "Law",
-    "find_amplification_rate",
-    "find_capture_rate",
-    "find_repose_slope",
+    "amplification_rates",
+    "capture_rates",
     "interaction",
     "law_of",
     "positive_part",
+    "repose_slopes",
 ]
+
+Matrix = tuple[Values, ...]  # (rolling species, surface species)
 
 
 class Law(NamedTuple):
-    """The law of a mixture as arrays; matrices are (rolling species, surface species)."""
+    """The law of a mixture; matrices are tuples of rows (rolling species, surface species)."""
 
-    repose_slope: Floats  # 1
-    collision_rate: Floats  # 1/s
-    cross_amplification: Floats  # 1/s
+    repose_slope: Matrix  # 1
+    collision_rate: Matrix  # 1/s
+    cross_amplification: Matrix  # 1/s
     smoothing: float  # 1
     surface_depth: float  # cm
     curvature_length: float  # cm
@@ -50,12 +53,11 @@ def law_of(mixture: Mixture) -> Law:
         raise NotApplicableError(
             "mixture.collision_rate: missing; the continuum needs it (a matrix of rates, 1/s)"
         )
-    rates = np.array(mixture.collision_rate, dtype=np.float64)
-    constant = mixture.cross_amplification
+    none = ((0.0,) * mixture.species,) * mixture.species
     return Law(
-        repose_slope=np.array(mixture.repose_slope, dtype=np.float64),
-        collision_rate=rates,
-        cross_amplification=np.zeros_like(rates) if constant is None else np.array(constant),
+        repose_slope=mixture.repose_slope,
+        collision_rate=mixture.collision_rate,
+        cross_amplification=mixture.cross_amplification or none,
         smoothing=mixture.smoothing,
         surface_depth=mixture.surface_depth,
         curvature_length=mixture.curvature_length,
@@ -66,50 +68,60 @@ def law_of(mixture: Mixture) -> Law:
 @njit(cache=True, inline="always")
 def positive_part(z: float, smoothing: float) -> float:
     """P(z): max(z, 0), rounded off over a width `smoothing`."""
+    if smoothing == 0.0:
+        return max(z, 0.0)
     return 0.5 * (z + math.sqrt(z * z + smoothing * smoothing))
 
 
-@njit(cache=True, error_model="numpy")
-def find_repose_slope(theta: Floats, phi: Floats, law: Law) -> None:
-    """theta_a(phi): repose slope of each rolling species on surfaces of composition `phi`."""
-    species, cells = phi.shape
-    for a in range(species):
-        for i in range(cells):
-            theta[a, i] = law.repose_slope[a, 0] * phi[0, i]
-        for b in range(1, species):
-            for i in range(cells):
-                theta[a, i] += law.repose_slope[a, b] * phi[b, i]
+@njit(cache=True, inline="always")
+def repose_slopes(phi: Values, law: Law) -> Values:
+    """theta_a(phi): repose slope of each rolling species on a surface of composition `phi`."""
+    theta = phi
+    for a in range(len(phi)):
+        slope = 0.0
+        for b in range(len(phi)):
+            slope += law.repose_slope[a][b] * phi[b]
+        theta = put(theta, a, slope)
+    return theta
 
 
-@njit(cache=True, error_model="numpy")
-def find_capture_rate(rate: Floats, theta: Floats, slope: Floats, law: Law) -> None:
+@njit(cache=True, inline="always")
+def capture_rates(theta: Values, slope: float, law: Law) -> Values:
     """gamma_aa P(theta_a - s) [1/s]: the chance per time that a rolling grain of a is captured."""
-    species, cells = theta.shape
-    for a in range(species):
-        gamma = law.collision_rate[a, a]
-        for i in range(cells):
-            rate[a, i] = gamma * positive_part(theta[a, i] - slope[i], law.smoothing)
+    rates = theta
+    for a in range(len(theta)):
+        gap = positive_part(theta[a] - slope, law.smoothing)
+        rates = put(rates, a, law.collision_rate[a][a] * gap)
+    return rates
 
 
-@njit(cache=True, error_model="numpy")
-def find_amplification_rate(
-    rate: Floats, theta: Floats, slope: Floats, rolling: Floats, law: Law
-) -> None:
+@njit(cache=True, inline="always")
+def amplification_rates(theta: Values, slope: float, rolling: Values, law: Law) -> Values:
     """sum_b [mu_ba + gamma_ba P(s - theta_b)] R_b [cm/s]: static a set rolling, per phi_a."""
-    species, cells = theta.shape
-    rate[:] = 0.0
-    for a in range(species):
-        for b in range(species):
-            mu, gamma = law.cross_amplification[b, a], law.collision_rate[b, a]
-            for i in range(cells):
-                push = gamma * positive_part(slope[i] - theta[b, i], law.smoothing)
-                rate[a, i] += (mu + push) * rolling[b, i]
+    rates = theta
+    for a in range(len(theta)):
+        rate = 0.0
+        for b in range(len(theta)):
+            push = law.collision_rate[b][a] * positive_part(slope - theta[b], law.smoothing)
+            rate += (law.cross_amplification[b][a] + push) * rolling[b]
+        rates = put(rates, a, rate)
+    return rates
 
 
 def interaction(rolling: Floats, phi: Floats, slope: Floats, law: Law) -> Floats:
     """Gamma_a (species, cell) [cm/s] of rolling thicknesses on surfaces `phi` at slopes (cell,)."""
-    theta, captured, amplified = (np.empty_like(rolling) for _ in range(3))
-    find_repose_slope(theta, phi, law)
-    find_capture_rate(captured, theta, slope, law)
-    find_amplification_rate(amplified, theta, slope, rolling, law)
-    return phi * amplified - captured * rolling
+    gamma = np.empty_like(rolling)
+    _interact(tuple(gamma), tuple(rolling), tuple(phi), slope, law)
+    return gamma
+
+
+@njit(cache=True, error_model="numpy")
+def _interact(gamma: Rows, rolling: Rows, phi: Rows, slope: Floats, law: Law) -> None:
+    like = law.repose_slope[0]
+    for i in range(slope.size):
+        flow, surface = at(rolling, i, like), at(phi, i, like)
+        theta = repose_slopes(surface, law)
+        captured = capture_rates(theta, slope[i], law)
+        amplified = amplification_rates(theta, slope[i], flow, law)
+        for a in range(len(gamma)):
+            gamma[a][i] = surface[a] * amplified[a] - captured[a] * flow[a]

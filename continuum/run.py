@@ -70,7 +70,7 @@ def check(experiment: Experiment) -> None:
 
 def _busiest_rate(experiment: Experiment, law: Law) -> float:
     """Gamma R [cm/s] where the flow is thickest: at the pouring point, or a drum's axis."""
-    fastest = law.collision_rate.max(axis=1)
+    fastest = np.max(law.collision_rate, axis=1)
     if experiment.cell.turning_rate is None:
         return float(fastest @ experiment.feed.largest_inflow)
     lifted = experiment.cell.turning_rate * (experiment.cell.length / 2) ** 2 / 2

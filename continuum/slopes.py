@@ -47,10 +47,8 @@ class Slope:
     @property
     def composition(self) -> Floats:
         """phi_a (species, cell) of the surface."""
-        phi = np.empty_like(self.flow.surface)
-        depth = self.law.surface_depth
-        find_composition(phi, self.flow.surface, self.flow.rigid_fraction, depth)
-        return phi
+        flow = self.flow
+        return find_composition(flow.surface, flow.rigid_fraction, self.law.surface_depth)
 
     @property
     def volume_at_rest(self) -> Floats:
@@ -118,7 +116,7 @@ def _lent_to_the_flow(experiment: Experiment, law: Law) -> float:
     """
     velocity = np.array(experiment.mixture.drift_velocity)
     swept = (experiment.cell.turning_rate or 0.0) * (experiment.cell.length / 2) ** 2
-    lift = (2.0 - math.log(4.0)) * velocity / np.diag(law.collision_rate)
+    lift = (2.0 - math.log(4.0)) * velocity / np.diag(np.array(law.collision_rate))
     return float((swept / (3.0 * velocity) + lift).max())
 
 

@@ -6,6 +6,8 @@ from continuum.kernel import advance
 from continuum.law import Law
 from continuum.state import Flow, Grid, with_more_bins
 
+MATRICES = ("repose_slope", "collision_rate", "cross_amplification")
+
 
 def law_with(species: int = 2, **changes: object) -> Law:
     base = Law(
@@ -16,11 +18,9 @@ def law_with(species: int = 2, **changes: object) -> Law:
         surface_depth=0.1,
         curvature_length=0.1,
     )
-    cut = {
-        name: getattr(base, name)[:species, :species].copy()
-        for name in ("repose_slope", "collision_rate", "cross_amplification")
-    }
-    return base._replace(**cut)._replace(**changes)
+    cut = {name: np.array(getattr(base, name))[:species, :species] for name in MATRICES} | changes
+    matrices = {name: tuple(map(tuple, np.array(cut[name]).tolist())) for name in MATRICES}
+    return base._replace(**changes)._replace(**matrices)
 
 
 def still(law: Law, cells: int, bins: int = 200, base: np.ndarray | None = None) -> Flow:

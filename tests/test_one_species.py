@@ -47,7 +47,7 @@ def trapped_step(flow: Flow, law: Law, grid: Grid, inflow: float) -> None:
     rolling[1:] = rolling[:-1].copy()
     rolling[0] = inflow
     for i in range(len(height) - 2, -1, -1):
-        excess = (height[i] - height[i + 1]) / grid.dx - law.repose_slope[0, 0]
+        excess = (height[i] - height[i + 1]) / grid.dx - law.repose_slope[0][0]
         settled = -math.expm1(-abs(excess) * grid.dt * RATE) * rolling[i] * -np.sign(excess)
         rolling[i] -= settled
         height[i] += settled

@@ -28,8 +28,12 @@ ALIKE = np.ones(2)
 
 
 def single(slope: float, curvature: float) -> tuple[UniformFlow, Law]:
-    law = Law(np.ones((1, 1)), np.full((1, 1), 2.0), np.zeros((1, 1)), 0.0, 0.1, curvature)
+    law = Law(((1.0,),), ((2.0,),), ((0.0,),), 0.0, 0.1, curvature)
     return UniformFlow(np.array([0.7]), np.ones(1), slope), law
+
+
+def rows(matrix: np.ndarray) -> tuple[tuple[float, ...], ...]:
+    return tuple(map(tuple, matrix.tolist()))
 
 
 def where_species_meet(x: float, preset: str = "makse-stratification") -> tuple[UniformFlow, Law]:
@@ -79,7 +83,8 @@ def test_the_response_is_the_derivative_of_the_exchange(
     random = np.random.default_rng(seed)
     rates = 10 ** random.uniform(-1, 1, (species, species))
     cross = random.uniform(0, 1, (species, species)) * (1 - np.eye(species))
-    law = Law(random.uniform(0.5, 1.5, (species, species)), rates, cross, smoothing, 0.1, 0.0)
+    slopes = random.uniform(0.5, 1.5, (species, species))
+    law = Law(*map(rows, (slopes, rates, cross)), smoothing, 0.1, 0.0)
     phi = random.dirichlet(np.ones(species))
     flow = UniformFlow(random.uniform(0.1, 1.0, species), phi, random.uniform(0.5, 1.5))
     found = response(flow, law)
@@ -119,7 +124,7 @@ def test_without_curvature_the_finest_waves_grow_as_fast_as_any(
 def test_the_limit_of_short_waves_is_the_closed_form_with_unlike_rates_too() -> None:
     flow, law = where_species_meet(50.0)
     velocity = np.array([1.0, 0.6])
-    law = law._replace(collision_rate=np.array([[1.0, 0.1], [0.3, 2.0]]))
+    law = law._replace(collision_rate=((1.0, 0.1), (0.3, 2.0)))
     found = growth_rate(flow, law, velocity, SHORT)
     assert found[-1] == pytest.approx(short_wave_growth_rate(flow, law, velocity), rel=1e-5)
 
@@ -143,7 +148,7 @@ def test_short_waves_need_no_rough_large_grains_but_m_above_zero() -> None:
     """Also with delta = -0.1 (m = 0.2) they grow, which the paper's exp(gamma delta t) does not."""
     flow, law = where_species_meet(50.0, "makse-segregation")
     assert short_wave_growth_rate(flow, law, ALIKE) > 0.1
-    smooth = law._replace(repose_slope=np.array([[1.0, 0.9], [0.7, 0.6]]))  # m = -0.1
+    smooth = law._replace(repose_slope=((1.0, 0.9), (0.7, 0.6)))  # m = -0.1
     assert short_wave_growth_rate(flow._replace(slope=0.6), smooth, ALIKE) < 0
 
 

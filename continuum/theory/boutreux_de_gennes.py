@@ -47,7 +47,9 @@ def minimal_model_of(experiment: Experiment) -> MinimalModel:
     mixture, law = experiment.mixture, law_of(experiment.mixture)
     if mixture.species != 2:
         raise NotApplicableError("mixture: the minimal model needs two species")
-    gamma, theta, mu = law.collision_rate, law.repose_slope, law.cross_amplification
+    gamma, theta, mu = map(
+        np.array, (law.collision_rate, law.repose_slope, law.cross_amplification)
+    )
     conditions = steady_silo(experiment) | {
         "mixture.repose_slope: the same on either surface": bool(
             (theta[:, 0] == theta[:, 1]).all()

@@ -10,7 +10,7 @@ First index of M: the static species; second: the rolling one, as in the paper.
 
 import numpy as np
 
-from continuum.law import Law, find_repose_slope, positive_part
+from continuum.law import Law, positive_part
 from experiment.arrays import Floats
 
 __all__ = ["amplification", "capture", "collision_matrix", "generalised_repose_slope"]
@@ -20,22 +20,22 @@ _positive_part = np.vectorize(positive_part.py_func, otypes=[np.float64])
 
 def generalised_repose_slope(phi: Floats, law: Law) -> Floats:
     """theta_a(phi) = sum_b theta_ab phi_b (species, cell)."""
-    theta = np.empty_like(phi)
-    find_repose_slope(theta, phi, law)
-    return theta
+    return np.asarray(np.array(law.repose_slope) @ phi)
 
 
 def capture(phi: Floats, slope: Floats, law: Law) -> Floats:
     """b_a (species, cell) [1/s] on surfaces phi (species, cell) at slopes (cell,)."""
     gap = generalised_repose_slope(phi, law) - slope
-    return np.asarray(np.diag(law.collision_rate)[:, None] * _positive_part(gap, law.smoothing))
+    return np.asarray(
+        np.diag(np.array(law.collision_rate))[:, None] * _positive_part(gap, law.smoothing)
+    )
 
 
 def amplification(phi: Floats, slope: Floats, law: Law) -> Floats:
     """a_a on the diagonal, x_b off it, (static a, rolling b, cell) [1/s]."""
     gap = slope - generalised_repose_slope(phi, law)
-    push = law.collision_rate[:, :, None] * _positive_part(gap, law.smoothing)[:, None]
-    return np.asarray((law.cross_amplification[:, :, None] + push).transpose(1, 0, 2))
+    push = np.array(law.collision_rate)[:, :, None] * _positive_part(gap, law.smoothing)[:, None]
+    return np.asarray((np.array(law.cross_amplification)[:, :, None] + push).transpose(1, 0, 2))
 
 
 def collision_matrix(phi: Floats, slope: Floats, law: Law) -> Floats:

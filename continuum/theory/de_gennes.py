@@ -110,5 +110,5 @@ def _one_species(experiment: Experiment, conditions: dict[str, bool]) -> tuple[f
         "mixture.dispersion: 0": law.dispersion == 0,
     }
     refuse_unless(conditions, "de Gennes' solution")
-    rate, repose_slope = law.collision_rate[0, 0], law.repose_slope[0, 0]
+    rate, repose_slope = law.collision_rate[0][0], law.repose_slope[0][0]
     return mixture.drift_velocity[0], float(rate), float(repose_slope)

@@ -143,7 +143,7 @@ class Step:
     def jacobian(self, state: Floats) -> csr_array:
         """J = dF/dU: cells out of each other's reach are disturbed together."""
         cells, fields = state.shape
-        rate = float(self.law.collision_rate.max(axis=1) @ self.inflow)
+        rate = float(np.max(self.law.collision_rate, axis=1) @ self.inflow)
         spread = dispersion_substeps(self.law.dispersion, self.grid)
         reach = substeps_at(rate, self.law, self.grid) + spread + 3
         field, around = np.arange(fields), np.arange(-reach, reach + 1)

@@ -134,19 +134,20 @@ def short_wave_growth_rate(flow: UniformFlow, law: Law, velocity: Floats) -> flo
 def response(flow: UniformFlow, law: Law) -> Response:
     """The derivatives of Gamma_a; on a kink of P(z), z = 0, the mean of both sides."""
     rolling, phi = flow.rolling, flow.fraction
-    gamma, own = law.collision_rate, np.diag(law.collision_rate)
-    excess = flow.slope - law.repose_slope @ phi  # s - theta_a
+    gamma, theta = np.array(law.collision_rate), np.array(law.repose_slope)
+    own, mu = np.diag(gamma), np.array(law.cross_amplification)
+    excess = flow.slope - theta @ phi  # s - theta_a
     width = np.hypot(excess, law.smoothing)
     steep = 0.5 * (1.0 + np.divide(excess, width, out=np.zeros_like(excess), where=width > 0))
     captured = own * 0.5 * (width - excess)
-    push = law.cross_amplification + gamma * 0.5 * (width + excess)[:, np.newaxis]  # (b, a)
+    push = mu + gamma * 0.5 * (width + excess)[:, np.newaxis]  # (b, a)
     pushed = gamma * (steep * rolling)[:, np.newaxis]  # (b, a): change of push_ba R_b with s
     capturable = own * (1.0 - steep) * rolling
     return Response(
         to_rolling=phi[:, np.newaxis] * push.T - np.diag(captured),
         to_fraction=np.diag(rolling @ push)
-        - phi[:, np.newaxis] * (pushed.T @ law.repose_slope)
-        - capturable[:, np.newaxis] * law.repose_slope,
+        - phi[:, np.newaxis] * (pushed.T @ theta)
+        - capturable[:, np.newaxis] * theta,
         to_slope=phi * pushed.sum(axis=0) + capturable,
     )
 
