@@ -37,6 +37,7 @@ from continuum.law import (
     Law,
     find_amplification_rate,
     find_capture_rate,
+    find_push,
     find_repose_slope,
 )
 from experiment.arrays import Floats, Ints
@@ -69,6 +70,21 @@ class Flow(NamedTuple):
     rigid_fraction: Floats  # (species,) its composition
 
 
+class Workspace(NamedTuple):
+    """What a sub-step writes before it reads it."""
+
+    slope: Floats  # (cell,)
+    bare: Floats  # (cell,)
+    share: Floats  # (cell,)
+    filled: Floats  # (cell,)
+    crossing: Floats  # (cell,)
+    phi: Floats  # (species, cell)
+    push: Floats
+    theta: Floats
+    captured: Floats
+    amplified: Floats
+
+
 @njit(cache=True, nogil=True)
 def advance(flow: Flow, law: Law, grid: Grid, velocity: Floats, inflow: Floats) -> tuple[int, int]:
     """Advance `flow` by one step per row of `inflow` (step, species) [cm].
@@ -76,19 +92,24 @@ def advance(flow: Flow, law: Law, grid: Grid, velocity: Floats, inflow: Floats) 
     Returns the number of steps taken, fewer than asked for where the deposit needs more bins first,
     and the largest number of sub-steps that one of them needed.
     """
-    slope = np.empty(flow.height.size)
+    cells, shape = flow.height.size, flow.rolling.shape
+    work = Workspace(
+        np.empty(cells), np.empty(cells), np.empty(cells),np.empty(cells), np.empty(cells),
+        np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape), np.empty(shape),
+    )
     most = 0
     for step in range(inflow.shape[0]):
         if _deposit_is_nearly_full(flow, grid, inflow[step]):
             return step, most
         _advect(flow.rolling, velocity, inflow[step])
-        substeps = _count_substeps(flow.rolling, law, grid)
+        substeps = _count_substeps(flow.rolling, work, law, grid)
         most = max(most, substeps)
         for k in range(substeps):
-            _find_slope(slope, flow.height, law, grid)
-            _exchange(flow, slope, law, grid.dt / substeps)
+            _find_slope(work.slope, flow.height, law, grid)
+            _exchange(flow, work, law, grid.dt / substeps)
             _capture_at_wall(flow, 1.0 / (substeps - k))
-            _bury_or_dig_up(flow, law, grid)
+            _bury_or_dig_up(flow, work, law, grid)
+            _seal_or_reopen(flow, work.crossing, grid)
     return inflow.shape[0], most
 
 
@@ -98,12 +119,28 @@ def find_composition(phi: Floats, surface: Floats, rigid_fraction: Floats, depth
 
     What a layer lacks of its depth is rigid surface of composition `rigid_fraction` (species,).
     """
+    bare, per_layer = np.empty((2, surface.shape[1]))
+    _compose(phi, bare, per_layer, surface, rigid_fraction, depth)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _compose(
+    phi: Floats,
+    bare: Floats,
+    per_layer: Floats,
+    surface: Floats,
+    rigid_fraction: Floats,
+    depth: float,
+) -> None:
     species, cells = surface.shape
-    held = _total(surface)
+    _total(bare, surface)
+    for i in range(cells):
+        held = bare[i]
+        bare[i] = max(depth - held, 0.0)
+        per_layer[i] = 1.0 / max(held, depth)
     for a in range(species):
         for i in range(cells):
-            bare = max(depth - held[i], 0.0)
-            phi[a, i] = (surface[a, i] + bare * rigid_fraction[a]) / (held[i] + bare)
+            phi[a, i] = (surface[a, i] + bare[i] * rigid_fraction[a]) * per_layer[i]
 
 
 @njit(cache=True, error_model="numpy")
@@ -152,69 +189,79 @@ def substeps_at(rate: float, law: Law, grid: Grid) -> int:
 
 
 @njit(cache=True, error_model="numpy")
-def _count_substeps(rolling: Floats, law: Law, grid: Grid) -> int:
+def _count_substeps(rolling: Floats, work: Workspace, law: Law, grid: Grid) -> int:
     species, cells = rolling.shape
-    rate = np.zeros(cells)
+    rate = work.share
+    rate[:] = 0.0
     for a in range(species):
         gamma = law.collision_rate[a].max()
         for i in range(cells):
             rate[i] += gamma * rolling[a, i]
-    return substeps_at(rate.max(), law, grid)
+    return substeps_at(_largest(rate), law, grid)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _largest(values: Floats) -> float:
+    """The largest of `values`, which are overwritten: folded in halves, for lanes cannot reduce."""
+    left = values.size
+    while left > 1:
+        half = (left + 1) // 2
+        for i in range(left - half):
+            values[i] = max(values[i], values[half + i])
+        left = half
+    return values[0]
 
 
 @njit(cache=True, error_model="numpy")
 def _find_slope(slope: Floats, height: Floats, law: Law, grid: Grid) -> None:
     """The slope s = theta - l d2h/dx2 at each cell's downhill edge; the last cell's is not used."""
     cells = height.size
-    curvature = law.curvature_length / grid.dx
-    for i in range(cells - 1):
-        theta = (height[i] - height[i + 1]) / grid.dx
-        uphill = theta if i == 0 else (height[i - 1] - height[i]) / grid.dx
+    per_dx, curvature = 1.0 / grid.dx, law.curvature_length / grid.dx
+    slope[0] = (height[0] - height[1]) * per_dx
+    for i in range(1, cells - 1):
+        theta = (height[i] - height[i + 1]) * per_dx
+        uphill = (height[i - 1] - height[i]) * per_dx
         slope[i] = theta - curvature * (uphill - theta)
     slope[cells - 1] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
-def _exchange(flow: Flow, slope: Floats, law: Law, dt: float) -> None:
-    shape = flow.rolling.shape
-    phi, theta = np.empty(shape), np.empty(shape)
-    captured, amplified, settled = np.empty(shape), np.empty(shape), np.empty(shape)
-    find_composition(phi, flow.surface, flow.rigid_fraction, law.surface_depth)
-    find_repose_slope(theta, phi, law)
-    find_capture_rate(captured, theta, slope, law)
-    find_amplification_rate(amplified, theta, slope, flow.rolling, law)
-    for a in range(len(settled)):
-        _settle(settled[a], captured[a], amplified[a], flow.rolling[a], flow.surface[a], law, dt)
-        for i in range(flow.height.size - 1):
-            flow.rolling[a, i] -= settled[a, i]
-            flow.surface[a, i] += settled[a, i]
-            flow.height[i] += settled[a, i]
+def _exchange(flow: Flow, work: Workspace, law: Law, dt: float) -> None:
+    """Exchange grains for dt between what rolls and the surface of all cells but the last."""
+    _compose(work.phi, work.bare, work.share, flow.surface, flow.rigid_fraction, law.surface_depth)
+    find_repose_slope(work.theta, work.phi, law)
+    find_capture_rate(work.captured, work.theta, work.slope, law)
+    find_push(work.push, work.theta, work.slope, flow.rolling, law)
+    find_amplification_rate(work.amplified, work.push, flow.rolling, law)
+    work.captured[:, -1] = work.amplified[:, -1] = 0.0
+    for a in range(len(flow.rolling)):
+        settled = work.captured[a]
+        _settle(settled, work.amplified[a], flow.rolling[a], flow.surface[a], law, dt)
+        for i in range(settled.size):
+            flow.height[i] += settled[i]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _settle(
-    settled: Floats,
-    captured: Floats,
-    amplified: Floats,
-    rolling: Floats,
-    surface: Floats,
-    law: Law,
-    dt: float,
+    captured: Floats, amplified: Floats, rolling: Floats, surface: Floats, law: Law, dt: float
 ) -> None:
-    """Thickness (cell,) of a species that comes to rest within dt, less what is set rolling.
+    """Bring grains of a species to rest for dt, and set others rolling.
 
-    `settled` must not share memory with the others, or the loop does not run in vector lanes.
+    `captured` (cell,) [1/s] becomes the thickness [cm] that came to rest less what was set rolling.
     """
-    for i in range(settled.size):
+    amplification_dt = dt / law.surface_depth
+    for i in range(captured.size):
         gain = _share(captured[i] * dt) * rolling[i]
-        loss = _share(amplified[i] / law.surface_depth * dt) * surface[i]
-        settled[i] = gain - loss
+        loss = _share(amplified[i] * amplification_dt) * surface[i]
+        captured[i] = gain - loss
+        rolling[i] -= gain - loss
+        surface[i] += gain - loss
 
 
 @njit(cache=True, inline="always")
 def _share(c: float) -> float:
     """1 - exp(-c): what share is converted where rate times time is c."""
-    growth = c * (1.0 + c / 2.0 * (1.0 + c / 3.0 * (1.0 + c / 4.0)))
+    growth = c * (1.0 + c * (1.0 / 2.0 + c * (1.0 / 6.0 + c * (1.0 / 24.0))))
     return growth / (1.0 + growth)
 
 
@@ -230,36 +277,49 @@ def _capture_at_wall(flow: Flow, share: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _bury_or_dig_up(flow: Flow, law: Law, grid: Grid) -> None:
-    """Bring each cell's surface layer back to its depth d, as far as the deposit can."""
+def _bury_or_dig_up(flow: Flow, work: Workspace, law: Law, grid: Grid) -> None:
+    """Bring each cell's surface layer back to its depth d, as far as the bin below it can.
+
+    `work.crossing` (cell,) [cm] tells what that bin lacked (negative) or now holds beyond its
+    capacity (positive).
+    """
     species, cells = flow.surface.shape
     depth = law.surface_depth
-    held, filled = _total(flow.surface), _total(flow.filling)
-    buried, dug = np.empty(cells), np.empty(cells)
+    share, filled, crossing = work.share, work.filled, work.crossing
+    _total(share, flow.surface)
+    _total(filled, flow.filling)
     for i in range(cells):
-        wanted = max(depth - held[i], 0.0)
-        buried[i] = max(held[i] - depth, 0.0) / max(held[i], depth)
-        dug[i] = wanted / max(wanted, filled[i], TINY)
+        excess = share[i] - depth
+        above = excess + filled[i]
+        share[i] = excess / max(share[i] if excess > 0.0 else filled[i], abs(excess), TINY)
+        crossing[i] = min(above, 0.0) + max(above - _capacity(flow, i, grid.dz), 0.0)
     for a in range(species):
         for i in range(cells):
-            moved = buried[i] * flow.surface[a, i] - dug[i] * flow.filling[a, i]
-            flow.surface[a, i] -= moved
-            flow.filling[a, i] += moved
-    for i in range(cells):
-        if held[i] + filled[i] < depth:
-            _reopen(flow, i, depth - held[i] - filled[i])
-        elif held[i] + filled[i] > depth + _capacity(flow, i, grid.dz):
-            _seal(flow, i, grid.dz)
+            surface, filling = flow.surface[a, i], flow.filling[a, i]
+            moved = share[i] * (surface if share[i] > 0.0 else filling)
+            flow.surface[a, i] = surface - moved
+            flow.filling[a, i] = filling + moved
 
 
 @njit(cache=True, error_model="numpy")
-def _total(thickness: Floats) -> Floats:
+def _seal_or_reopen(flow: Flow, crossing: Floats, grid: Grid) -> None:
+    """Seal the bins that are full, and reopen sealed ones where the surface layer lacks grains."""
+    for i in range(crossing.size):
+        if crossing[i] < 0.0:
+            _reopen(flow, i, -crossing[i])
+        elif crossing[i] > 0.0:
+            _seal(flow, i, grid.dz)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _total(total: Floats, thickness: Floats) -> None:
     """Sum over species (cell,) of thicknesses (species, cell)."""
-    total = thickness[0].copy()
-    for a in range(1, thickness.shape[0]):
+    species = thickness.shape[0]
+    for i in range(total.size):
+        total[i] = thickness[0, i] + (thickness[1, i] if species > 1 else 0.0)
+    for a in range(2, species):
         for i in range(total.size):
             total[i] += thickness[a, i]
-    return total
 
 
 @njit(cache=True, inline="always")

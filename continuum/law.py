@@ -25,6 +25,7 @@ __all__ = [
     "Law",
     "find_amplification_rate",
     "find_capture_rate",
+    "find_push",
     "find_repose_slope",
     "interaction",
     "law_of",
@@ -64,10 +65,12 @@ def law_of(mixture: Mixture) -> Law:
 @njit(cache=True, inline="always")
 def positive_part(z: float, smoothing: float) -> float:
     """P(z): max(z, 0), rounded off over a width `smoothing`."""
+    if smoothing == 0.0:
+        return max(z, 0.0)
     return 0.5 * (z + math.sqrt(z * z + smoothing * smoothing))
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def find_repose_slope(theta: Floats, phi: Floats, law: Law) -> None:
     """theta_a(phi): repose slope of each rolling species on surfaces of composition `phi`."""
     species, cells = phi.shape
@@ -79,7 +82,7 @@ def find_repose_slope(theta: Floats, phi: Floats, law: Law) -> None:
                 theta[a, i] += law.repose_slope[a, b] * phi[b, i]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def find_capture_rate(rate: Floats, theta: Floats, slope: Floats, law: Law) -> None:
     """gamma_aa P(theta_a - s) [1/s]: the chance per time that a rolling grain of a is captured."""
     species, cells = theta.shape
@@ -89,25 +92,38 @@ def find_capture_rate(rate: Floats, theta: Floats, slope: Floats, law: Law) -> N
             rate[a, i] = gamma * positive_part(theta[a, i] - slope[i], law.smoothing)
 
 
-@njit(cache=True, error_model="numpy")
-def find_amplification_rate(
-    rate: Floats, theta: Floats, slope: Floats, rolling: Floats, law: Law
-) -> None:
-    """sum_b [mu_ba + gamma_ba P(s - theta_b)] R_b [cm/s]: static a set rolling, per phi_a."""
+@njit(cache=True, error_model="numpy", forceinline=True)
+def find_push(push: Floats, theta: Floats, slope: Floats, rolling: Floats, law: Law) -> None:
+    """P(s - theta_b) R_b [cm]: by how much, and how thickly, b rolls on too steep a surface."""
     species, cells = theta.shape
-    rate[:] = 0.0
+    for b in range(species):
+        for i in range(cells):
+            push[b, i] = positive_part(slope[i] - theta[b, i], law.smoothing) * rolling[b, i]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def find_amplification_rate(rate: Floats, push: Floats, rolling: Floats, law: Law) -> None:
+    """sum_b gamma_ba P(s - theta_b) R_b + mu_ba R_b [cm/s]: static a set rolling, per phi_a."""
+    species, cells = rate.shape
     for a in range(species):
-        for b in range(species):
-            mu, gamma = law.cross_amplification[b, a], law.collision_rate[b, a]
+        gamma = law.collision_rate[:, a]
+        for i in range(cells):
+            rate[a, i] = gamma[0] * push[0, i]
+        for b in range(1, species):
             for i in range(cells):
-                push = gamma * positive_part(slope[i] - theta[b, i], law.smoothing)
-                rate[a, i] += (mu + push) * rolling[b, i]
+                rate[a, i] += gamma[b] * push[b, i]
+        for b in range(species):
+            mu = law.cross_amplification[b, a]
+            if mu > 0.0:
+                for i in range(cells):
+                    rate[a, i] += mu * rolling[b, i]
 
 
 def interaction(rolling: Floats, phi: Floats, slope: Floats, law: Law) -> Floats:
     """Gamma_a (species, cell) [cm/s] of rolling thicknesses on surfaces `phi` at slopes (cell,)."""
-    theta, captured, amplified = (np.empty_like(rolling) for _ in range(3))
+    theta, captured, push, amplified = (np.empty_like(rolling) for _ in range(4))
     find_repose_slope(theta, phi, law)
     find_capture_rate(captured, theta, slope, law)
-    find_amplification_rate(amplified, theta, slope, rolling, law)
+    find_push(push, theta, slope, rolling, law)
+    find_amplification_rate(amplified, push, rolling, law)
     return phi * amplified - captured * rolling
