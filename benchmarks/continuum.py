@@ -1,9 +1,9 @@
 """The continuum's kernel beside the same step in C, and both beside the machine's floor.
 
 Per cell and sub-step two species need 123 additions, multiplications and comparisons and 6
-divisions; 72 bytes are read and 56 written. A pour of 200 cells keeps its 30 kB in first-level cache,
-so arithmetic is what costs; the floor counts all of it at the machine's rate of multiplications and
-additions in vector lanes, measured here.
+divisions; 72 bytes are read and 56 written. A pour of 200 cells keeps its 30 kB in the innermost
+cache, so arithmetic is what costs; the floor counts all of it at the machine's rate of
+multiplications and additions in vector lanes, measured here.
 
 continuum.c is that step as fast as C goes. It is compiled twice: to multiply and add one after the
 other, as the kernel does, so that both must give the same numbers; and free to contract them to
@@ -25,7 +25,7 @@ import numpy as np
 from benchmarks.clock import once, seconds_in_turn
 from continuum import Law, Resolution, law_of
 from continuum.kernel import Flow, Grid, advance
-from continuum.run import _still as still
+from continuum.run import _still
 from experiment import load
 from experiment.arrays import Floats
 
@@ -103,7 +103,7 @@ def stratified(cells: int, seed: int | None = None) -> Pour:
         law = law._replace(collision_rate=law.collision_rate * random.uniform(0.8, 1.2))
         inflow = inflow * random.uniform(0.8, 1.2, len(inflow))
     base = experiment.cell.base_height((np.arange(cells) + 0.5) * grid.dx)
-    flow = still(experiment, base, grid)
+    flow = _still(experiment, base, grid)
     flow = flow._replace(deposit=np.zeros((*flow.rolling.shape, 2000)))
     velocity = np.array(experiment.mixture.drift_velocity)
     warm_up = np.tile(inflow, (round(WARM_UP[cells] / grid.dt), 1))
