@@ -22,7 +22,7 @@ lint: .venv/.test
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 
-bench: .venv/.test .venv/.kernels
+bench: .venv/.bench .venv/.kernels
 	@$(BIN)/python -m benchmarks
 
 # The README's picture, from the archives of `make run`.
@@ -38,6 +38,10 @@ picture: run
 	$(BIN)/pip install --quiet --constraint constraints.txt --editable ".[test]"
 	@touch $@
 
+.venv/.bench: .venv/.test
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable ".[bench]"
+	@touch $@
+
 # A cached kernel does not notice that a function it calls in another file has changed.
 .venv/.kernels: .venv/.run $(KERNELS)
 	@find ca_model continuum \( -name '*.nbc' -o -name '*.nbi' \) -delete
@@ -46,7 +50,7 @@ picture: run
 # Newest versions that fit together; commit what it writes.
 lock:
 	rm -rf .venv && $(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --editable ".[test]"
+	$(BIN)/pip install --quiet --editable ".[test,bench]"
 	$(BIN)/pip freeze --exclude-editable > constraints.txt
 
 clean:

@@ -1,78 +1,13 @@
-"""What `make run` costs: starting up, pouring each preset warm, and the kernels' unit costs."""
+"""All benchmarks, or those named: `python -m benchmarks [pours] [continuum] [solvers]`."""
 
-import subprocess
 import sys
-import time
-from collections.abc import Callable
-from functools import partial
+from importlib import import_module
 
-import ca_model
-import continuum
-from ca_model.lattice import lattice_of
-from ca_model.reference import ReferencePile
-from experiment import load
+SUBJECTS = ("pours", "continuum", "solvers")
 
-PRESETS = ("makse-stratification", "makse-segregation", "glass-sugar", "lattice-stratification")
-
-
-def seconds(action: Callable[[], object], repeats: int = 3) -> float:
-    """The shortest of several runs, after one that may compile."""
-    action()
-    times = []
-    for _ in range(repeats):
-        start = time.perf_counter()
-        action()
-        times.append(time.perf_counter() - start)
-    return min(times)
-
-
-def start_up() -> None:
-    for packages in ("numpy", "ca_model, continuum, compare"):
-        command = [sys.executable, "-c", f"import {packages}"]
-        took = seconds(partial(subprocess.run, command, check=True))
-        print(f"import {packages:30s} {took:6.2f} s")
-
-
-def pours() -> None:
-    total = 0.0
-    for preset in PRESETS:
-        experiment = load(preset)
-        for model in (ca_model, continuum):
-            if model is continuum and experiment.mixture.collision_rate is None:
-                continue
-            took = seconds(partial(model.pour, experiment))
-            total += took
-            print(f"{preset:24s} {model.__name__:10s} {took:6.2f} s")
-    print(f"{'all pours on one core':35s} {total:6.2f} s")
-
-
-def unit_costs() -> None:
-    experiment = load("lattice-stratification", ["pour.records=1"])
-    lattice = lattice_of(experiment)
-    columns, steps = len(lattice.base), round(experiment.pour.duration / lattice.step)
-    kernel = seconds(lambda: ca_model.pour(experiment)) / (columns * steps)
-    few = 300
-    pile = ReferencePile(lattice.rule, lattice.base, lattice.base_species)
-
-    def reference() -> None:
-        for _ in range(few):
-            pile.step([2, 1])
-
-    plain = seconds(reference, repeats=1) / (columns * few)
-    print(f"lattice kernel        {kernel * 1e9:8.2f} ns a column and step")
-    print(f"  plain Python costs  {plain / kernel:8.0f} times as much")
-
-    experiment = load("makse-stratification", ["pour.records=1"])
-    archive = continuum.pour(experiment)
-    cells = archive.sizes["x"]
-    substeps = archive.attrs["largest_substep_count"]
-    updates = cells * substeps * experiment.pour.duration / archive.attrs["time_step_s"]
-    took = seconds(lambda: continuum.pour(experiment)) / updates
-    print(f"continuum kernel      {took * 1e9:8.2f} ns a cell and sub-step (at most: all steps")
-    print(f"                      counted with the {substeps} sub-steps of the busiest one)")
-
-
-if __name__ == "__main__":
-    start_up()
-    pours()
-    unit_costs()
+for subject in sys.argv[1:] or SUBJECTS:
+    if subject not in SUBJECTS:
+        sys.exit(f"{subject}: no such benchmark; there are {', '.join(SUBJECTS)}")
+    module = import_module(f"benchmarks.{subject}")
+    print(f"\n== {subject}: {module.__doc__.splitlines()[0]}")
+    module.main()
