@@ -182,7 +182,7 @@ INLINE void substep(const Job *job, const double *restrict before, double *restr
         const double theta = (before[i] - before[i + 1]) * per_dx;
         const double uphill = (before[i - 1] - before[i]) * per_dx;
         const double slope = theta - curvature * (uphill - theta);
-        double height = before[i];
+        double risen = 0.0;
 #pragma GCC unroll 4
         for (int a = 0; a < n; a++) {
             r[a] = rolling[a * cells + i];
@@ -199,24 +199,23 @@ INLINE void substep(const Job *job, const double *restrict before, double *restr
             if (smooth) {
                 const double size = sqrt(z * z + w2);
                 pull[a] = 0.5 * (z + size);
-                push[a] = 0.5 * (size - z) * r[a];
+                push[a] = 0.5 * (size - z);
             } else {
                 pull[a] = larger(z, 0.0);
-                push[a] = larger(-z, 0.0) * r[a];
+                push[a] = larger(-z, 0.0);
             }
         }
         for (int a = 0; a < n; a++) {
             double amplified = 0.0;
             for (int b = 0; b < n; b++)
-                amplified += gamma[b * n + a] * push[b];
-            for (int b = 0; b < n; b++) amplified += mu[b * n + a] * r[b];
+                amplified += (mu[b * n + a] + gamma[b * n + a] * push[b]) * r[b];
             const double settled = share_of(gamma[a * n + a] * pull[a] * dt) * r[a] -
                                    share_of(amplified * dt_per_depth) * s[a];
             left[a] = r[a] - settled;
             s[a] += settled;
-            height += settled;
+            risen = a ? risen + settled : settled;
         }
-        after[i] = height;
+        after[i] = before[i] + risen;
         for (int a = 0; a < n; a++) {
             rolling[a * cells + i] = left[a];
             surface[a * cells + i] = s[a];
@@ -240,16 +239,16 @@ INLINE void substep(const Job *job, const double *restrict before, double *restr
 INLINE void wall(const Job *job, const double *before, double *after, double *crossing, double share,
                  const int n) {
     const int64_t last = job->cells - 1;
-    double s[MOST_SPECIES], f[MOST_SPECIES], height = before[last];
+    double s[MOST_SPECIES], f[MOST_SPECIES], risen = 0.0;
     for (int a = 0; a < n; a++) {
         double *rolling = job->rolling + a * job->cells + last;
         double settled = *rolling * share;
         *rolling -= settled;
-        height += settled;
+        risen = a ? risen + settled : settled;
         s[a] = job->surface[a * job->cells + last] + settled;
         f[a] = job->filling[a * job->cells + last];
     }
-    after[last] = height;
+    after[last] = before[last] + risen;
     crossing[last] = bury(s, f, job->surface_depth, capacity_of(job, last), n);
     for (int a = 0; a < n; a++) {
         job->surface[a * job->cells + last] = s[a];
@@ -257,20 +256,17 @@ INLINE void wall(const Job *job, const double *before, double *after, double *cr
     }
 }
 
-INLINE void seal_or_reopen(const Job *job, const double *restrict crossing, const int n) {
-    const int64_t cells = job->cells, block = 16;
-    for (int64_t first = 0; first < cells; first += block) {
-        const int64_t end = first + block < cells ? first + block : cells;
-        int64_t some = 0;
-        for (int64_t i = first; i < end; i++) some |= crossing[i] != 0.0;
-        if (!some) continue;
-        for (int64_t i = first; i < end; i++) {
-            if (crossing[i] < 0.0)
-                reopen(job, i, -crossing[i], n);
-            else if (crossing[i] > 0.0)
-                seal(job, i, n);
-        }
-    }
+INLINE void dig_up(const Job *job, const double *restrict crossing, const int n) {
+    int64_t lacking = 0;
+    for (int64_t i = 0; i < job->cells; i++) lacking += crossing[i] < 0.0;
+    if (!lacking) return;
+    for (int64_t i = 0; i < job->cells; i++)
+        if (crossing[i] < 0.0) reopen(job, i, -crossing[i], n);
+}
+
+INLINE void seal_full_bins(const Job *job, const double *restrict crossing, const int n) {
+    for (int64_t i = 0; i < job->cells; i++)
+        if (crossing[i] > 0.0) seal(job, i, n);
 }
 
 INLINE int64_t advance(Job *job, const int n) {
@@ -292,11 +288,12 @@ INLINE int64_t advance(Job *job, const int n) {
             else
                 substep(job, height, other, crossing, job->dt / (double)substeps, 1, n);
             wall(job, height, other, crossing, 1.0 / (double)(substeps - k), n);
-            seal_or_reopen(job, crossing, n);
+            dig_up(job, crossing, n);
             double *swap = height;
             height = other;
             other = swap;
         }
+        seal_full_bins(job, crossing, n);
     }
     memcpy(job->height, height, (size_t)job->cells * sizeof(double));
     free(work);

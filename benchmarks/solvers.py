@@ -32,7 +32,8 @@ from scipy.integrate import solve_ivp
 
 import continuum
 from benchmarks.clock import once, seconds
-from continuum import Law, law_of, steady_state_of
+from continuum import Law, law_of
+from continuum.theory import steady_state_of
 from experiment import Experiment, load
 from experiment.arrays import Floats
 
@@ -130,14 +131,14 @@ def rate_of_change(state: Floats, job: Job) -> Floats:
             c_1, c_2 = job.velocity * above_1 / job.dx, job.velocity * above_2 / job.dx
         else:
             slope = (state[4, i] - state[4, i + 1]) / job.dx
-            lack_1 = repose[0, 0] * phi_1 + repose[0, 1] * (1.0 - phi_1) - slope
-            lack_2 = repose[1, 0] * phi_1 + repose[1, 1] * (1.0 - phi_1) - slope
+            lack_1 = repose[0][0] * phi_1 + repose[0][1] * (1.0 - phi_1) - slope
+            lack_2 = repose[1][0] * phi_1 + repose[1][1] * (1.0 - phi_1) - slope
             push_1, push_2 = max(-lack_1, 0.0) * r_1, max(-lack_2, 0.0) * r_2
             per_layer = 1.0 / max(held, depth)
-            c_1 = gamma[0, 0] * max(lack_1, 0.0) * r_1
-            c_1 -= per_layer * m_1 * (gamma[0, 0] * push_1 + gamma[1, 0] * push_2)
-            c_2 = gamma[1, 1] * max(lack_2, 0.0) * r_2
-            c_2 -= per_layer * m_2 * (gamma[0, 1] * push_1 + gamma[1, 1] * push_2)
+            c_1 = gamma[0][0] * max(lack_1, 0.0) * r_1
+            c_1 -= per_layer * m_1 * (gamma[0][0] * push_1 + gamma[1][0] * push_2)
+            c_2 = gamma[1][1] * max(lack_2, 0.0) * r_2
+            c_2 -= per_layer * m_2 * (gamma[0][1] * push_1 + gamma[1][1] * push_2)
         rate[0, i] = job.velocity * (above_1 - r_1) / job.dx - c_1
         rate[1, i] = job.velocity * (above_2 - r_2) / job.dx - c_2
         buried = c_1 + c_2 if held >= depth else 0.0
