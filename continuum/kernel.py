@@ -3,22 +3,30 @@
     dR_a/dt = - v_a dR_a/dx + D d2R_a/dx2 + Gamma_a        dh/dt = - sum_a Gamma_a - w x
     s = theta - l d2h/dx2,  theta = - dh/dx                w: turning rate of a drum
 
-Split in time (Godunov, first order). Transport: dt = dx / max v, so that species as fast as the
-fastest shift by exactly one cell; what slower ones and dispersion do stands in transport.py.
-Exchange, first order in time and space: sub-steps dt' with v_c dt' / dx <= COURANT, where
-v_c = gamma R (1 + 2 l / dx) is the speed at which a disturbance of the slope climbs; in each one
-all cells first find their slope from the heights of one instant, and only then exchange grains. (A
-cell that finished its exchange against a neighbour already a step ahead would err by (dh/dt) / v in
-the slope at every resolution.) The slope belongs to the cell's downhill edge,
-theta_i = (h_i - h_{i+1}) / dx, for disturbances come from below.
+Split in time. Transport: dt = dx / max v, so that species as fast as the fastest shift by exactly
+one cell; what slower ones and dispersion do stands in transport.py. As R_i belongs to the cell's
+downhill edge, this is half a shift, the exchange at the centre, and half a shift (Strang).
+
+Exchange: sub-steps dt' with v_c dt' / dx <= COURANT, where v_c = gamma R (1 + 2 l / dx) is the
+speed at which a disturbance of the slope climbs; in each one all cells first find their slope from
+the heights of one instant, and only then exchange grains. (A cell that finished its exchange
+against a neighbour already a step ahead would err by (dh/dt) / v in the slope at every resolution.)
+Disturbances come from below, so the slope is found towards the downhill edge, where it is
+theta_i = (h_i - h_{i+1}) / dx. There are two schemes:
+
+    godunov, first order    the slope is theta_i, which adds dx / 2 to l; sub-steps by Euler
+    muscl, second order     the slope is that at the cell's centre, where it has the neighbours:
+                            theta_i + limited(theta_{i-1} - theta_i, theta_i - theta_{i+1}) / 2;
+                            sub-steps by the midpoint rule
+
+Within a sub-step of Euler slope and composition stand still, so that a species' captured share is
+1 - exp(-c), c = gamma_aa P(theta_a - s) dt', with exp(c) to fourth order in c; the amplified share
+of what the surface layer holds is found likewise. Such a sub-step of dt' / 2 leads to the midpoint,
+whose rates then give what is exchanged in dt', at most what is there. So thicknesses never turn
+negative, for any input.
 
 At a wall all that arrives is captured. At a drum's upper rim, where nothing arrives that could set
 grains rolling, all that its turning lifts is released.
-
-Within a sub-step slope and composition stand still, so that a species' captured share is
-1 - exp(-c), c = gamma_aa P(theta_a - s) dt', with exp(c) to fourth order in c; the amplified share
-of what the surface layer holds is found likewise. So thicknesses never turn negative, for any
-input.
 
 The surface is a layer of thickness d (Hirano's active layer) that holds d phi_a of each species.
 What is captured mixes into it; what it then holds beyond d is buried, and where it holds less what
@@ -37,15 +45,16 @@ from numba import njit
 
 from continuum.deposit import dig_up, is_nearly_full, seal_full_bins, some_lack
 from continuum.law import Law, amplification_rates, capture_rates, repose_slopes
+from continuum.limiters import limited
 from continuum.species import Rows, Values, at, put, total
-from continuum.state import Flow, Grid
+from continuum.state import MUSCL, Flow, Grid
 from continuum.transport import advect, disperse
 from experiment.arrays import Floats
 
 __all__ = ["advance", "find_composition", "substeps_at"]
 
 
-COURANT = 0.25
+COURANT = (0.25, 0.5)  # by scheme
 TINY = 1e-300  # cm; keeps 0 / 0 away where there is nothing
 
 
@@ -58,6 +67,9 @@ class Cells(NamedTuple):
     rigid_fraction: Values
     slope: Floats  # (cell,) 1
     beyond: Floats  # (cell,) cm; what the open bin holds beyond its capacity, or lacks (negative)
+    midway_height: Floats  # (cell,) cm; at the midpoint of a sub-step, as the next two
+    midway_rolling: Rows  # (cell,) cm
+    midway_fraction: Rows  # (cell,) phi_a
 
 
 def advance(flow: Flow, law: Law, grid: Grid, velocity: Floats, inflow: Floats) -> tuple[int, int]:
@@ -73,6 +85,9 @@ def advance(flow: Flow, law: Law, grid: Grid, velocity: Floats, inflow: Floats) 
         rigid_fraction=tuple(flow.rigid_fraction),
         slope=np.zeros_like(flow.height),
         beyond=np.zeros_like(flow.height),
+        midway_height=np.zeros_like(flow.height),
+        midway_rolling=tuple(np.zeros_like(flow.rolling)),
+        midway_fraction=tuple(np.zeros_like(flow.rolling)),
     )
     steps, substeps = take_steps(flow, cells, law, grid, velocity, inflow)
     return steps, substeps
@@ -91,13 +106,20 @@ def take_steps(
         disperse(flow.rolling, law.dispersion, grid)
         substeps = substeps_at(_busiest_rate(cells.slope, flow.rolling, law), law, grid)
         most = max(most, substeps)
+        dt = grid.dt / substeps
         for k in range(substeps):
+            at_wall = 1.0 / (substeps - k)
             _find_slope(cells.slope, flow.height, law, grid)
-            _exchange_and_bury(flow, cells, law, grid, grid.dt / substeps, 1.0 / (substeps - k))
+            if grid.scheme == MUSCL:
+                _go_midway(flow, cells, law, grid, dt, at_wall)
+                _find_slope(cells.slope, cells.midway_height, law, grid)
+                _exchange_as_midway(flow, cells, law, grid, dt, at_wall)
+            else:
+                _exchange_and_bury(flow, cells, law, grid, dt, at_wall)
             if some_lack(cells.beyond):
                 dig_up(flow, cells.beyond)
             if grid.turning_rate > 0.0:
-                _turn(flow, grid, grid.dt / substeps)
+                _turn(flow.height, flow.surface, grid, dt)
         seal_full_bins(flow, cells.beyond, grid.dz)
         if grid.turning_rate > 0.0:
             _release_at_rim(flow, cells, law, grid)
@@ -126,7 +148,7 @@ def _compose(phi: Rows, surface: Rows, rigid_fraction: Values, depth: float) -> 
 def substeps_at(rate: float, law: Law, grid: Grid) -> int:
     """Sub-steps that a step needs where gamma R is `rate` [cm/s] at most."""
     climb = rate * (1.0 + 2.0 * law.curvature_length / grid.dx)
-    return int(min(max(1.0, math.ceil(climb * grid.dt / (COURANT * grid.dx))), 1e15))
+    return int(min(max(1.0, math.ceil(climb * grid.dt / (COURANT[grid.scheme] * grid.dx))), 1e15))
 
 
 @njit(cache=True, error_model="numpy")
@@ -157,7 +179,7 @@ def _largest(values: Floats) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _find_slope(slope: Floats, height: Floats, law: Law, grid: Grid) -> None:
-    """The slope s = theta - l d2h/dx2 at each cell's downhill edge; a wall's is not used."""
+    """The slope s = theta - l d2h/dx2 that each cell exchanges grains at; a wall's is not used."""
     last = height.size - 1
     per_dx, curvature = 1.0 / grid.dx, law.curvature_length / grid.dx
     slope[0] = (height[0] - height[1]) * per_dx
@@ -166,23 +188,80 @@ def _find_slope(slope: Floats, height: Floats, law: Law, grid: Grid) -> None:
         uphill = (height[i - 1] - height[i]) * per_dx
         slope[i] = theta - curvature * (uphill - theta)
     slope[last] = 0.0 if math.isnan(grid.lip) else (height[last] - grid.lip) * 2.0 * per_dx
+    if grid.scheme == MUSCL:
+        _take_to_centres(slope, height, grid)
+
+
+@njit(cache=True, error_model="numpy")
+def _take_to_centres(slope: Floats, height: Floats, grid: Grid) -> None:
+    """Take slopes from the downhill edges to the centres, in cells that have neighbours enough."""
+    for i in range(1, height.size - 2):
+        uphill = height[i - 1] - 2.0 * height[i] + height[i + 1]
+        downhill = height[i] - 2.0 * height[i + 1] + height[i + 2]
+        slope[i] += 0.5 * limited(grid.limiter, uphill, downhill) / grid.dx
 
 
 @njit(cache=True, error_model="numpy")
 def _exchange_and_bury(
-    flow: Flow, cells: Cells, law: Law, grid: Grid, dt: float, share: float
+    flow: Flow, cells: Cells, law: Law, grid: Grid, dt: float, at_wall: float
 ) -> None:
-    """Exchange grains for dt in all cells; a wall's captures `share` of what reached it.
+    """Exchange grains for dt at the rates of its beginning.
 
-    Over a step's sub-steps a wall so captures all of it.
+    A wall captures the share `at_wall` of what reached it, over a step's sub-steps all of it.
     """
     like = cells.rigid_fraction
     wall = flow.height.size - 1 if math.isnan(grid.lip) else -1
     for i in range(flow.height.size):
         rolling, surface = at(cells.rolling, i, like), at(cells.surface, i, like)
-        settled = _settled(rolling, surface, cells.slope[i], cells.rigid_fraction, law, dt)
+        settled = _settled(rolling, surface, cells.slope[i], like, law, dt)
         for a in range(len(settled)):
-            settled = put(settled, a, rolling[a] * share if i == wall else settled[a])
+            settled = put(settled, a, rolling[a] * at_wall if i == wall else settled[a])
+        _lay(flow, cells, i, settled, law, grid)
+
+
+@njit(cache=True, error_model="numpy")
+def _go_midway(flow: Flow, cells: Cells, law: Law, grid: Grid, dt: float, at_wall: float) -> None:
+    """Tell what height, flow and surface will be in dt / 2, short of digging up sealed bins."""
+    like = cells.rigid_fraction
+    wall = flow.height.size - 1 if math.isnan(grid.lip) else -1
+    for i in range(flow.height.size):
+        rolling, surface = at(cells.rolling, i, like), at(cells.surface, i, like)
+        settled = _settled(rolling, surface, cells.slope[i], like, law, 0.5 * dt)
+        for a in range(len(settled)):
+            captured = rolling[a] * (0.5 * at_wall)
+            settled = put(settled, a, captured if i == wall else settled[a])
+            surface = put(surface, a, surface[a] + settled[a])
+            cells.midway_rolling[a][i] = rolling[a] - settled[a]
+        cells.midway_height[i] = flow.height[i] + total(settled)
+        filling = at(cells.filling, i, like)
+        share = _buried_share(total(surface), total(filling), law.surface_depth)
+        for a in range(len(settled)):
+            surface = put(surface, a, surface[a] - _buried(share, surface[a], filling[a]))
+        fraction = _composition(surface, like, law.surface_depth)
+        for a in range(len(settled)):
+            cells.midway_fraction[a][i] = fraction[a]
+    if grid.turning_rate > 0.0:
+        _turn(cells.midway_height, flow.surface, grid, 0.5 * dt)
+
+
+@njit(cache=True, error_model="numpy")
+def _exchange_as_midway(
+    flow: Flow, cells: Cells, law: Law, grid: Grid, dt: float, at_wall: float
+) -> None:
+    """Exchange grains for dt at the rates of the midpoint, at most what is there."""
+    like = cells.rigid_fraction
+    wall = flow.height.size - 1 if math.isnan(grid.lip) else -1
+    for i in range(flow.height.size):
+        rolling, surface = at(cells.rolling, i, like), at(cells.surface, i, like)
+        midway, phi = at(cells.midway_rolling, i, like), at(cells.midway_fraction, i, like)
+        theta = repose_slopes(phi, law)
+        captured = capture_rates(theta, cells.slope[i], law)
+        amplified = amplification_rates(theta, cells.slope[i], midway, law)
+        settled = rolling
+        for a in range(len(settled)):
+            gain = min(captured[a] * midway[a] * dt, rolling[a])
+            loss = min(amplified[a] * phi[a] * dt, surface[a])
+            settled = put(settled, a, rolling[a] * at_wall if i == wall else gain - loss)
         _lay(flow, cells, i, settled, law, grid)
 
 
@@ -233,28 +312,40 @@ def _lay(flow: Flow, cells: Cells, i: int, settled: Values, law: Law, grid: Grid
         surface = put(surface, a, surface[a] + settled[a])
     flow.height[i] += total(settled)
     held, filled = total(surface), total(filling)
-    excess = held - law.surface_depth
+    above = held - law.surface_depth + filled
     capacity = grid.dz - flow.rigid[i] if flow.top[i] == 0 else grid.dz
-    cells.beyond[i] = min(excess + filled, 0.0) + max(excess + filled - capacity, 0.0)
-    share = excess / max(held if excess > 0.0 else filled, abs(excess), TINY)
+    cells.beyond[i] = min(above, 0.0) + max(above - capacity, 0.0)
+    share = _buried_share(held, filled, law.surface_depth)
     for a in range(len(settled)):
-        buried = share * (surface[a] if share > 0.0 else filling[a])
+        buried = _buried(share, surface[a], filling[a])
         cells.surface[a][i] = surface[a] - buried
         cells.filling[a][i] = filling[a] + buried
 
 
+@njit(cache=True, inline="always")
+def _buried_share(held: float, filled: float, depth: float) -> float:
+    """What share of the surface layer goes into the open bin; if negative, the other way."""
+    excess = held - depth
+    return excess / max(held if excess > 0.0 else filled, abs(excess), TINY)
+
+
+@njit(cache=True, inline="always")
+def _buried(share: float, surface: float, filling: float) -> float:
+    return share * (surface if share > 0.0 else filling)
+
+
 @njit(cache=True, error_model="numpy")
-def _turn(flow: Flow, grid: Grid, dt: float) -> None:
+def _turn(height: Floats, surface: Floats, grid: Grid, dt: float) -> None:
     """Turn a drum by w dt: its body rises uphill of the axis, x < 0, and sinks downhill.
 
     A half ring by the axis that has nothing left to lift stands still.
     """
-    last = flow.height.size - 1
-    for i in range(flow.height.size // 2):
-        if flow.surface[:, i].sum() > 0.0:
+    last = height.size - 1
+    for i in range(height.size // 2):
+        if surface[:, i].sum() > 0.0:
             lifted = grid.turning_rate * (0.5 * last - i) * grid.dx * dt
-            flow.height[i] += lifted
-            flow.height[last - i] -= lifted
+            height[i] += lifted
+            height[last - i] -= lifted
 
 
 @njit(cache=True, error_model="numpy")

@@ -12,7 +12,7 @@ from continuum.law import Law, law_of
 from continuum.limiters import LIMITERS
 from continuum.section import section_of_drum, section_of_pile
 from continuum.slopes import Slope, across, slopes_of
-from continuum.state import Grid
+from continuum.state import SCHEMES, Grid
 from continuum.transport import dispersion_substeps
 from experiment import Experiment, SetupError
 from experiment.archive import assemble
@@ -32,6 +32,7 @@ class Resolution(Part):
 
     cells: Annotated[int, Field(strict=True, ge=3, le=1_000_000)] = 200
     bins_per_depth: Annotated[int, Field(strict=True, ge=1, le=100)] = 2  # deposit bins in d
+    scheme: Literal["godunov", "muscl"] = "godunov"  # of first, of second order
     limiter: Literal["minmod", "van_leer", "monotonized_central", "superbee"] = "van_leer"
 
     def grid(self, experiment: Experiment) -> Grid:
@@ -42,6 +43,7 @@ class Resolution(Part):
             dt=dx / max(experiment.mixture.drift_velocity),
             dz=experiment.mixture.surface_depth / self.bins_per_depth,
             limiter=LIMITERS.index(self.limiter),
+            scheme=SCHEMES.index(self.scheme),
         )
 
 

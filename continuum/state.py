@@ -14,7 +14,10 @@ import numpy as np
 from continuum.limiters import VAN_LEER
 from experiment.arrays import Floats, Ints
 
-__all__ = ["Flow", "Grid", "with_more_bins"]
+__all__ = ["MUSCL", "SCHEMES", "Flow", "Grid", "with_more_bins"]
+
+SCHEMES = ("godunov", "muscl")
+GODUNOV, MUSCL = range(len(SCHEMES))
 
 
 class Grid(NamedTuple):
@@ -25,7 +28,8 @@ class Grid(NamedTuple):
     dz: float  # cm
     lip: float = np.nan  # cm; height of the open end that grains fall off; NaN for a wall
     turning_rate: float = 0.0  # 1/s; of a drum
-    limiter: int = VAN_LEER
+    limiter: int = VAN_LEER  # its place in LIMITERS
+    scheme: int = GODUNOV  # its place in SCHEMES
 
 
 class Flow(NamedTuple):

@@ -11,7 +11,7 @@ from continuum import law_of
 from continuum.kernel import advance, find_composition
 from continuum.law import interaction, positive_part
 from continuum.limiters import LIMITERS
-from continuum.state import Grid
+from continuum.state import SCHEMES, Grid
 from experiment import Experiment, Mixture, NotApplicableError, SetupError, load, preset_text
 from experiment.experiment import parse_toml, set_values
 
@@ -93,6 +93,7 @@ def test_each_species_is_conserved_over_1e6_steps_with_strong_erosion(cross: flo
     equal=st.booleans(),
     lip=st.sampled_from([np.nan, 0.0, 0.7]),
     limiter=st.integers(0, len(LIMITERS) - 1),
+    scheme=st.integers(0, len(SCHEMES) - 1),
     dispersion=st.sampled_from([0.0, 0.3]),
     cells=st.integers(3, 40),
 )
@@ -103,6 +104,7 @@ def test_any_mixture_keeps_its_volume_positive_thicknesses_and_fractions(
     equal: bool,
     lip: float,
     limiter: int,
+    scheme: int,
     dispersion: float,
     cells: int,
 ) -> None:
@@ -122,7 +124,7 @@ def test_any_mixture_keeps_its_volume_positive_thicknesses_and_fractions(
     dx = 10 ** random.uniform(-1, 0)
     base = random.uniform(0, 3) * np.arange(cells)[::-1] * dx
     flow = still(law, cells, bins=50, base=base)
-    grid = Grid(dx, dx / velocity.max(), 0.1, lip=lip, limiter=limiter)
+    grid = Grid(dx, dx / velocity.max(), 0.1, lip=lip, limiter=limiter, scheme=scheme)
     flow = take(flow, law, grid, velocity, inflow)
     poured = inflow.sum(axis=0) * velocity / velocity.max()
     np.testing.assert_allclose(volume(flow), poured, rtol=1e-12, atol=1e-12)
@@ -141,8 +143,11 @@ def test_any_mixture_keeps_its_volume_positive_thicknesses_and_fractions(
     cells=st.sampled_from([4, 20, 50]),
     slope=st.sampled_from([0.0, 0.6, 1.5]),
     depth=st.sampled_from([0.03, 0.3]),
+    scheme=st.sampled_from(SCHEMES),
 )
-def test_any_drum_keeps_each_species(seed: int, cells: int, slope: float, depth: float) -> None:
+def test_any_drum_keeps_each_species(
+    seed: int, cells: int, slope: float, depth: float, scheme: str
+) -> None:
     """Also where rings by the axis run empty, and where its bins have to be doubled."""
     random = np.random.default_rng(seed)
     mixture = {
@@ -159,7 +164,7 @@ def test_any_drum_keeps_each_species(seed: int, cells: int, slope: float, depth:
         "mixture": mixture,
         "cell": turning | {"start_slope": slope},
         "pour": {"duration": 20.0, "records": 10},
-        "continuum": {"cells": cells},
+        "continuum": {"cells": cells, "scheme": scheme},
     }
     archive = continuum.pour(Experiment.parse(tables))
     held = archive["rolling_volume"] + archive["deposited_volume"]

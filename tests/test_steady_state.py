@@ -77,6 +77,16 @@ def test_the_slope_converges_to_the_closed_form_at_first_order(profiles) -> None
     assert ((orders > 0.85) & (orders < 1.2)).all(), (errors, orders)
 
 
+def test_muscl_reaches_the_closed_form_at_second_order(poured: Callable[..., xr.Dataset]) -> None:
+    """Also across x_m, where the slope has a corner."""
+    settings = [("continuum.scheme=muscl", f"continuum.cells={cells}") for cells in CELLS]
+    found = [poured("continuum", "makse-profile", *chosen).isel(time=-1) for chosen in settings]
+    errors = np.array([slope_error(profile) for profile in found])
+    orders = np.log2(errors[:-1] / errors[1:])
+    assert errors[-1] < 3e-5
+    assert (orders > 1.8).all(), (errors, orders)
+
+
 @pytest.mark.parametrize(
     ("setting", "named"),
     [

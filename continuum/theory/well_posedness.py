@@ -23,7 +23,7 @@ dR_a = - c_a dh / (C + v_a) behind it, which act back on it as
 and so at a rate that does not depend on k: nothing chooses a shortest length. Where two species are
 both captured this is gamma m R (phi_1 - R_1 / R) / d less the settling. Dispersion takes the second
 term away and leaves the third. Curvature adds - C l k^2, which cuts waves off; so does the
-upwind slope (h_i - h_{i+1}) / dx of the kernel, which adds dx / 2 to l, but at the grid's length.
+upwind slope (h_i - h_{i+1}) / dx of Godunov's scheme, which adds dx / 2 to l, at the grid's length.
 """
 
 from typing import Any, NamedTuple
