@@ -195,6 +195,12 @@ def test_a_mixture_without_collision_rates_has_no_continuum(tmp_path: Path) -> N
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_drum_is_refused_before_anything_is_poured(tmp_path: Path) -> None:
+    done = stratify("converge", "de-gennes-drum", folder=tmp_path)
+    assert "cell.shape = 'drum'" in refused(done)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_an_existing_convergence_stays_without_force(small: str, tmp_path: Path) -> None:
     (tmp_path / "out.nc").write_text("precious")
     options = ["--cells=10,20,40", "-o", "out.nc"]
