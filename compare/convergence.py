@@ -19,7 +19,7 @@ from typing import NamedTuple
 import xarray as xr
 
 from compare.measurement import measure, refuse_unlike
-from compare.quantities import cell_width
+from compare.quantities import cell_length, cell_width
 from experiment import ArchiveError, SetupError
 from experiment.archive import experiment_of
 from experiment.arrays import Floats
@@ -57,7 +57,7 @@ def converge(archives: Sequence[xr.Dataset]) -> xr.Dataset:
     finest grid. Raises :class:`ArchiveError` where the archives are not of the continuum or differ
     in more than their cells, :class:`SetupError` as :func:`refinement_ratio`.
     """
-    cells = [archive.sizes["x"] for archive in archives]
+    cells = [round(cell_length(archive) / cell_width(archive)) for archive in archives]
     ratio = refinement_ratio(cells)
     _refuse_all_but_grids(archives)
     found = xr.concat([measure(archive) for archive in archives], "cells")

@@ -8,8 +8,8 @@ open bins that hold more than dz are sealed. Both are rare and go cell by cell.
 
 from numba import njit
 
-from continuum.state import Flow, Grid
-from experiment.arrays import Floats
+from continuum.state import Flow
+from experiment.arrays import Floats, Ints
 
 __all__ = ["dig_up", "is_nearly_full", "seal_full_bins", "some_lack"]
 
@@ -82,15 +82,13 @@ def _reopen(flow: Flow, i: int, wanted: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def is_nearly_full(flow: Flow, grid: Grid, inflow: Floats) -> bool:
-    """Whether some tape could run out of bins within a step: all that can reach it, captured."""
-    species, cells = flow.rolling.shape
-    bins = flow.tape.shape[2]
-    for i in range(cells):
-        arriving = 0.0
-        for a in range(species):
-            uphill = flow.rolling[a, i - 1] if i > 0 else inflow[a]
-            arriving += flow.rolling[a, i] + uphill
-        if flow.sealed[flow.row[i]] + 4 + 2 * arriving / grid.dz >= bins:
-            return True
-    return False
+def is_nearly_full(sealed: Ints, bins: int, thickest: float, dz: float) -> bool:
+    """Whether some tape could run out of `bins` within a step; `sealed` (row,) of each.
+
+    No end of a tape gains more than the `thickest` flow [cm], for transport makes no new extremum,
+    and a drum's tape has two ends.
+    """
+    most = 0
+    for row in range(sealed.size):
+        most = max(most, sealed[row])
+    return most + 4 + 2 * thickest / dz >= bins

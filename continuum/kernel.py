@@ -21,9 +21,9 @@ theta_i = (h_i - h_{i+1}) / dx. There are two schemes:
 
 Within a sub-step of Euler slope and composition stand still, so that a species' captured share is
 1 - exp(-c), c = gamma_aa P(theta_a - s) dt', with exp(c) to fourth order in c; the amplified share
-of what the surface layer holds is found likewise. Such a sub-step of dt' / 2 leads to the midpoint,
-whose rates then give what is exchanged in dt', at most what is there. So thicknesses never turn
-negative, for any input.
+of what the surface layer holds is found likewise. Such a sub-step of dt' / 2 leads to the midpoint;
+what is converted in dt' is then exp(c / 2) - exp(-c / 2) of what is there half-way, at the rates of
+there, and at most all. So thicknesses never turn negative, for any input.
 
 At a wall all that arrives is captured. At a drum's upper rim, where nothing arrives that could set
 grains rolling, all that its turning lifts is released.
@@ -69,7 +69,7 @@ class Cells(NamedTuple):
     beyond: Floats  # (cell,) cm; what the open bin holds beyond its capacity, or lacks (negative)
     midway_height: Floats  # (cell,) cm; at the midpoint of a sub-step, as the next two
     midway_rolling: Rows  # (cell,) cm
-    midway_fraction: Rows  # (cell,) phi_a
+    midway_surface: Rows  # (cell,) cm
 
 
 def advance(flow: Flow, law: Law, grid: Grid, velocity: Floats, inflow: Floats) -> tuple[int, int]:
@@ -87,7 +87,7 @@ def advance(flow: Flow, law: Law, grid: Grid, velocity: Floats, inflow: Floats) 
         beyond=np.zeros_like(flow.height),
         midway_height=np.zeros_like(flow.height),
         midway_rolling=tuple(np.zeros_like(flow.rolling)),
-        midway_fraction=tuple(np.zeros_like(flow.rolling)),
+        midway_surface=tuple(np.zeros_like(flow.rolling)),
     )
     steps, substeps = take_steps(flow, cells, law, grid, velocity, inflow)
     return steps, substeps
@@ -100,7 +100,8 @@ def take_steps(
     """:func:`advance`, with the same state by rows."""
     most = 0
     for step in range(inflow.shape[0]):
-        if is_nearly_full(flow, grid, inflow[step]):
+        thickest = _thickest(cells.slope, flow.rolling, inflow[step])
+        if is_nearly_full(flow.sealed, flow.tape.shape[2], thickest, grid.dz):
             return step, most
         advect(flow, grid, velocity, inflow[step])
         disperse(flow.rolling, law.dispersion, grid)
@@ -152,17 +153,29 @@ def substeps_at(rate: float, law: Law, grid: Grid) -> int:
 
 
 @njit(cache=True, error_model="numpy")
-def _busiest_rate(rates: Floats, rolling: Floats, law: Law) -> float:
-    """The largest gamma R [cm/s] on the slope, each species at its largest rate; spoils `rates`."""
+def _busiest_rate(spoilt: Floats, rolling: Floats, law: Law) -> float:
+    """The largest gamma R [cm/s] on the slope, each species at its largest rate."""
     species, cells = rolling.shape
-    rates[:] = 0.0
+    spoilt[:] = 0.0
     for a in range(species):
         fastest = 0.0
         for b in range(species):
             fastest = max(fastest, law.collision_rate[a][b])
         for i in range(cells):
-            rates[i] += fastest * rolling[a, i]
-    return _largest(rates)
+            spoilt[i] += fastest * rolling[a, i]
+    return _largest(spoilt)
+
+
+@njit(cache=True, error_model="numpy")
+def _thickest(spoilt: Floats, rolling: Floats, inflow: Floats) -> float:
+    """A thickness [cm] that the flow exceeds nowhere during the next step; spoils its first."""
+    species, cells = rolling.shape
+    thickest = 0.0
+    for a in range(species):
+        for i in range(cells):
+            spoilt[i] = rolling[a, i]
+        thickest += max(_largest(spoilt), inflow[a])
+    return thickest
 
 
 @njit(cache=True, error_model="numpy")
@@ -236,10 +249,7 @@ def _go_midway(flow: Flow, cells: Cells, law: Law, grid: Grid, dt: float, at_wal
         filling = at(cells.filling, i, like)
         share = _buried_share(total(surface), total(filling), law.surface_depth)
         for a in range(len(settled)):
-            surface = put(surface, a, surface[a] - _buried(share, surface[a], filling[a]))
-        fraction = _composition(surface, like, law.surface_depth)
-        for a in range(len(settled)):
-            cells.midway_fraction[a][i] = fraction[a]
+            cells.midway_surface[a][i] = surface[a] - _buried(share, surface[a], filling[a])
     if grid.turning_rate > 0.0:
         _turn(cells.midway_height, flow.surface, grid, 0.5 * dt)
 
@@ -248,19 +258,20 @@ def _go_midway(flow: Flow, cells: Cells, law: Law, grid: Grid, dt: float, at_wal
 def _exchange_as_midway(
     flow: Flow, cells: Cells, law: Law, grid: Grid, dt: float, at_wall: float
 ) -> None:
-    """Exchange grains for dt at the rates of the midpoint, at most what is there."""
+    """Exchange grains for dt at the rates of the midpoint."""
     like = cells.rigid_fraction
     wall = flow.height.size - 1 if math.isnan(grid.lip) else -1
     for i in range(flow.height.size):
         rolling, surface = at(cells.rolling, i, like), at(cells.surface, i, like)
-        midway, phi = at(cells.midway_rolling, i, like), at(cells.midway_fraction, i, like)
-        theta = repose_slopes(phi, law)
+        midway, layer = at(cells.midway_rolling, i, like), at(cells.midway_surface, i, like)
+        theta = repose_slopes(_composition(layer, like, law.surface_depth), law)
         captured = capture_rates(theta, cells.slope[i], law)
         amplified = amplification_rates(theta, cells.slope[i], midway, law)
         settled = rolling
         for a in range(len(settled)):
-            gain = min(captured[a] * midway[a] * dt, rolling[a])
-            loss = min(amplified[a] * phi[a] * dt, surface[a])
+            gain = min(_about_midway(captured[a] * dt) * midway[a], rolling[a])
+            loss = _about_midway(amplified[a] * (dt / law.surface_depth)) * layer[a]
+            loss = min(loss, surface[a])
             settled = put(settled, a, rolling[a] * at_wall if i == wall else gain - loss)
         _lay(flow, cells, i, settled, law, grid)
 
@@ -297,6 +308,13 @@ def _share(c: float) -> float:
     """1 - exp(-c): what share is converted where rate times time is c."""
     growth = c * (1.0 + c * (1.0 / 2.0 + c * (1.0 / 6.0 + c * (1.0 / 24.0))))
     return growth / (1.0 + growth)
+
+
+@njit(cache=True, inline="always")
+def _about_midway(c: float) -> float:
+    """exp(c / 2) - exp(-c / 2): what is converted over what is left half-way, at c in all."""
+    growth = 1.0 + 0.5 * c * (1.0 + c * (1.0 / 4.0 + c * (1.0 / 24.0 + c * (1.0 / 192.0))))
+    return growth - 1.0 / growth
 
 
 @njit(cache=True, inline="always")

@@ -54,6 +54,7 @@ def minimal_model_of(experiment: Experiment) -> MinimalModel:
         "mixture.repose_slope: the same on either surface": bool(
             (theta[:, 0] == theta[:, 1]).all()
         ),
+        "mixture.repose_slope: theta_1 > theta_2": theta[0, 0] > theta[1, 0],
         "mixture.collision_rate: gamma_11 = gamma_22, none across": (
             gamma[0, 0] == gamma[1, 1] and gamma[0, 1] == gamma[1, 0] == 0
         ),
@@ -66,6 +67,6 @@ def minimal_model_of(experiment: Experiment) -> MinimalModel:
     crossing = experiment.cell.length / mixture.drift_velocity[0]
     return MinimalModel(
         length=experiment.cell.length,
-        size_drive=float(abs(theta[0, 0] - theta[1, 0]) * gamma[0, 0] * crossing),
+        size_drive=float((theta[0, 0] - theta[1, 0]) * gamma[0, 0] * crossing),
         exchange=float(mu[0, 1] * crossing),
     )

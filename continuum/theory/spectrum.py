@@ -28,7 +28,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, splu
 from continuum.kernel import advance, substeps_at
 from continuum.law import Law, law_of
 from continuum.run import Resolution, pour
-from continuum.state import Flow, Grid
+from continuum.state import MUSCL, Flow, Grid
 from continuum.theory.steady_state import steady_state_of
 from continuum.transport import dispersion_substeps
 from experiment import Experiment, NotApplicableError
@@ -145,7 +145,8 @@ class Step:
         cells, fields = state.shape
         rate = float(np.max(self.law.collision_rate, axis=1) @ self.inflow)
         spread = dispersion_substeps(self.law.dispersion, self.grid)
-        reach = substeps_at(rate, self.law, self.grid) + spread + 3
+        slopes = 2 if self.grid.scheme == MUSCL else 1  # that a sub-step finds
+        reach = slopes * substeps_at(rate, self.law, self.grid) + spread + 3
         field, around = np.arange(fields), np.arange(-reach, reach + 1)
         rows, columns, values = [], [], []
         for first in range(min(around.size, cells)):
