@@ -127,7 +127,7 @@ def lattice_of(experiment: Experiment) -> Lattice:
         rule=rule,
         base=np.rint(cell.base_height(x) / unit).astype(np.int64),
         base_species=int(np.argmax(experiment.start_composition)),
-        grains_per_step=experiment.feed.mean_inflow / (heights * unit),
+        grains_per_step=experiment.mean_inflow / (heights * unit),
         unit=unit,
         column_width=width,
         step=width / mixture.drift_velocity[0],

@@ -11,7 +11,7 @@ from ca_model.lattice import Lattice, lattice_of
 from experiment import Experiment
 from experiment.archive import assemble
 from experiment.arrays import Floats, Ints
-from experiment.recorder import Recorder, record_steps, times_of_steps
+from experiment.recorder import Recorder, edges_of_steps, record_steps
 
 __all__ = ["check", "pour"]
 
@@ -39,8 +39,8 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     poured = np.zeros(species, dtype=np.int64)
     done = 0
     for record, step in enumerate(steps):
-        for times in times_of_steps(done, step, lattice.step):
-            grains = arrivals.take(experiment.feed.thickness(times) / lattice.grain_thickness)
+        for edges in edges_of_steps(done, step, lattice.step):
+            grains = arrivals.take(experiment.feed.mean_thickness(edges) / lattice.grain_thickness)
             pile = _advance_all(pile, lattice, grains)
             poured += grains.sum(axis=0)
         done = step

@@ -6,9 +6,9 @@ extrapolation and Roache's grid convergence index follow (Annu. Rev. Fluid Mech.
     p = ln((f3 - f2) / (f2 - f1)) / ln r      f = f1 + (f1 - f2) / (r^p - 1)
     error = F |f1 - f2| / (r^p - 1)           F = 1.25
 
-Where p is not within CREDIBLE there is no observed order: p is then the formal one, FORMAL_ORDER,
-and F = 3. Where the differences change sign, the larger one makes the error, for the last step of a
-sequence that swings may be small by chance.
+Where p is not within CREDIBLE there is no observed order: p is then the formal one of the scheme,
+FORMAL_ORDER, and F = 3. Where the differences change sign, the larger one makes the error, for the
+last step of a sequence that swings may be small by chance.
 """
 
 import math
@@ -28,14 +28,14 @@ __all__ = ["QUANTITIES", "Limit", "converge", "limit", "refinement_ratio"]
 
 QUANTITIES = ("wavelength", "kink_velocity", "front_velocity")
 CREDIBLE = (0.5, 3.0)
-FORMAL_ORDER = 1.0
+FORMAL_ORDER = {"godunov": 1.0, "muscl": 2.0}  # by scheme
 FEWEST_GRIDS = 3
 SAFE, WIDE = 1.25, 3.0  # F with an observed order, and without
 
 COMMENT = (
     f"error bars as dx -> 0: grid convergence index of the three finest grids, factor {SAFE:g} "
     f"where the observed order is from {CREDIBLE[0]:g} to {CREDIBLE[1]:g}, else factor {WIDE:g} "
-    f"at order {FORMAL_ORDER:g} of the last step, or the larger one where they change sign; "
+    f"at the scheme's order of the last step, or the larger one where they change sign; "
     f"in quadrature with the finest grid's standard error"
 )
 
@@ -63,13 +63,21 @@ def converge(archives: Sequence[xr.Dataset]) -> xr.Dataset:
     found = xr.concat([measure(archive) for archive in archives], "cells")
     spacing = [cell_width(archive) for archive in archives]
     finest = archives[-1].attrs
+    scheme = experiment_of(archives[-1]).continuum.get("scheme", "godunov")
+    formal_order = FORMAL_ORDER.get(scheme, 1.0)
     return (
         found[[name + error for name in QUANTITIES for error in ("", "_error")]]
         .assign(
             dx=("cells", spacing, {"units": "cm", "long_name": "width of a cell"}),
             refinement_ratio=((), ratio, {"units": "1", "long_name": "ratio of successive dx"}),
         )
-        .assign({k: v for name in QUANTITIES for k, v in _at_the_limit(found, name, ratio).items()})
+        .assign(
+            {
+                row: value
+                for name in QUANTITIES
+                for row, value in _at_the_limit(found, name, ratio, formal_order).items()
+            }
+        )
         .assign_coords(
             cells=("cells", cells, {"units": "1", "long_name": "number of cells along x"})
         )
@@ -84,7 +92,7 @@ def converge(archives: Sequence[xr.Dataset]) -> xr.Dataset:
     )
 
 
-def limit(values: Sequence[float] | Floats, ratio: float) -> Limit:
+def limit(values: Sequence[float] | Floats, ratio: float, formal_order: float = 1.0) -> Limit:
     """The limit of `values`, from coarse to fine, on grids refined by `ratio`; the last 3 count.
 
     The error is that of the grids alone. NaN in, NaN out.
@@ -92,7 +100,7 @@ def limit(values: Sequence[float] | Floats, ratio: float) -> Limit:
     f3, f2, f1 = (float(value) for value in values[-FEWEST_GRIDS:])
     order = _observed_order(f3 - f2, f2 - f1, ratio)
     credible = CREDIBLE[0] <= order <= CREDIBLE[1]
-    factor, p = (SAFE, order) if credible else (WIDE, FORMAL_ORDER)
+    factor, p = (SAFE, order) if credible else (WIDE, formal_order)
     scale = ratio**p - 1
     swings = (f3 - f2) * (f2 - f1) < 0
     largest = max(abs(f1 - f2), abs(f2 - f3)) if swings else abs(f1 - f2)
@@ -115,9 +123,11 @@ def refinement_ratio(cells: Sequence[int]) -> float:
     return cells[1] / cells[0]
 
 
-def _at_the_limit(found: xr.Dataset, name: str, ratio: float) -> dict[str, xr.Variable]:
+def _at_the_limit(
+    found: xr.Dataset, name: str, ratio: float, formal_order: float
+) -> dict[str, xr.Variable]:
     """What is told of quantity `name` beside its values on each grid."""
-    tends = limit(found[name].values, ratio)
+    tends = limit(found[name].values, ratio, formal_order)
     error = math.hypot(tends.error, float(found[f"{name}_error"][-1]))
     units, meaning = found[name].attrs["units"], found[name].attrs["long_name"]
     rows = {

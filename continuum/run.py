@@ -11,20 +11,21 @@ from continuum.kernel import substeps_at
 from continuum.law import Law, law_of
 from continuum.limiters import LIMITERS
 from continuum.section import section_of_drum, section_of_pile
-from continuum.slopes import Slope, across, slopes_of
+from continuum.slopes import Slope, across, lent_to_the_flow, slopes_of
 from continuum.state import SCHEMES, Grid
 from continuum.transport import dispersion_substeps
 from experiment import Experiment, SetupError
 from experiment.archive import assemble
 from experiment.arrays import Floats
 from experiment.fields import Part
-from experiment.recorder import Recorder, record_steps, times_of_steps
+from experiment.recorder import Recorder, edges_of_steps, record_steps
 
 __all__ = ["Resolution", "check", "pour"]
 
 
 MOST_SUBSTEPS = 100_000
 MANY_SUBSTEPS = 20
+MOST_BINS = 3e8
 
 
 class Resolution(Part):
@@ -57,6 +58,7 @@ def check(experiment: Experiment) -> None:
         raise SetupError(
             f"continuum.cells = {resolution.cells}: it should be even in a drum, the axis an edge"
         )
+    _check_deposit(experiment, law, grid, resolution.cells)
     needed = {
         "mixture.collision_rate": substeps_at(_busiest_rate(experiment, law), law, grid),
         "mixture.dispersion": dispersion_substeps(law.dispersion, grid),
@@ -68,6 +70,30 @@ def check(experiment: Experiment) -> None:
                 f"{name} = {value}: each step of {grid.dt:.2g} s needs {substeps:.2g} sub-steps "
                 f"at the most; at most {MOST_SUBSTEPS} are allowed"
             )
+
+
+def _check_deposit(experiment: Experiment, law: Law, grid: Grid, cells: int) -> None:
+    """Refuse a deposit of more bins than a machine holds, or a drum that would roll as a whole."""
+    cell, mixture = experiment.cell, experiment.mixture
+    if cell.shape == "drum":
+        lent = lent_to_the_flow(experiment, law)
+        if lent > cell.length / 2:
+            raise SetupError(
+                f"cell.turning_rate = {cell.turning_rate:g}: with these drift velocities and rates "
+                f"{lent:.2g} cm of grains would roll; it should be less than the radius"
+            )
+        thickness = np.pi * cell.length / 2
+    else:
+        flux = float(experiment.mean_inflow @ np.array(mixture.drift_velocity))
+        thickness = (
+            cell.base_height(np.array([0.0]))[0] + flux * experiment.pour.duration / cell.length
+        )
+    bins = thickness / grid.dz * cells * mixture.species
+    if bins > MOST_BINS:
+        raise SetupError(
+            f"mixture.surface_depth = {mixture.surface_depth:g}: bins of {grid.dz:.2g} cm make "
+            f"{bins:.2g} of them in the deposit; it should make at most {MOST_BINS:.0e}"
+        )
 
 
 def _busiest_rate(experiment: Experiment, law: Law) -> float:
@@ -97,8 +123,8 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     most = 0
     done = 0
     for record, step in enumerate(steps):
-        for times in times_of_steps(done, step, grid.dt):
-            inflow = experiment.feed.thickness(times)
+        for edges in edges_of_steps(done, step, grid.dt):
+            inflow = experiment.feed.mean_thickness(edges)
             most = max([most, *(slope.advance(velocity, inflow) for slope in slopes)])
             poured = poured + len(slopes) * inflow.sum(axis=0) * velocity * grid.dt
         done = step

@@ -16,7 +16,7 @@ from continuum.state import Flow, Grid, with_more_bins
 from experiment import Experiment
 from experiment.arrays import Floats
 
-__all__ = ["Slope", "across", "slopes_of"]
+__all__ = ["Slope", "across", "lent_to_the_flow", "slopes_of"]
 
 
 FIRST_BINS = 64
@@ -76,7 +76,7 @@ def slopes_of(experiment: Experiment, grid: Grid, cells: int, law: Law) -> list[
     if cell.shape == "drum":
         x = downhill - 0.5 * cell.length
         grid = grid._replace(turning_rate=cell.turning_rate or 0.0)
-        base = cell.base_height(x) + _lent_to_the_flow(experiment, law)
+        base = cell.base_height(x) + lent_to_the_flow(experiment, law)
         return [Slope(x, base, grid, _half_full(experiment, base, x, grid, law), law)]
     sides = (-downhill, downhill) if cell.shape == "heap" else (downhill,)
     lips = cell.base_at_end if cell.end == "open" else np.full(len(sides), np.nan)
@@ -108,7 +108,7 @@ def _bare_slope(experiment: Experiment, x: Floats, grid: Grid, law: Law) -> Slop
     return Slope(x, base, grid, flow, law)
 
 
-def _lent_to_the_flow(experiment: Experiment, law: Law) -> float:
+def lent_to_the_flow(experiment: Experiment, law: Law) -> float:
     """How far [cm] a drum is filled above its axis, so that its surface passes there as it turns.
 
     What rolls then, w a^2 / 3 v on average, and the mean height (2 - ln 4) v / gamma of de Gennes'

@@ -139,7 +139,7 @@ def _told_by(experiment: Experiment) -> dict[str, NDArray[Any]]:
         "repose_slope": np.array(mixture.repose_slope),
         "drift_velocity": np.array(mixture.drift_velocity),
         "grain_diameter": np.array(mixture.grain_diameter),
-        "inflow": experiment.feed.mean_inflow,
+        "inflow": experiment.mean_inflow,
     }
     if mixture.collision_rate is not None:
         known["collision_rate"] = np.array(mixture.collision_rate)

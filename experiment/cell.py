@@ -19,6 +19,7 @@ from experiment.fields import Fraction, NonNegative, Number, Part, Positive, Slo
 
 __all__ = ["Cell"]
 
+STEEPEST_DRUM = 1.5
 Points = Annotated[tuple[tuple[Number, NonNegative], ...], Field(min_length=2)]
 
 
@@ -75,6 +76,11 @@ class Cell(Part):
             raise ValueError("turning_rate: missing; a drum has to turn")
         if self.end == "open":
             raise ValueError("end = 'open': it should be 'wall' in a drum")
+        if self.start_slope > STEEPEST_DRUM:
+            raise ValueError(
+                f"start_slope = {self.start_slope:g}: "
+                f"it should be at most {STEEPEST_DRUM} in a drum"
+            )
         if self.start_surface is not None:
             raise ValueError(f"{self._surface()}: a drum starts with a start_slope instead")
         return self

@@ -13,9 +13,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Self
 
+import numpy as np
 import tomli_w
 from pydantic import Field, model_validator
 
+from experiment.arrays import Floats
 from experiment.cell import Cell
 from experiment.errors import SetupError
 from experiment.feed import Feed
@@ -111,6 +113,12 @@ class Experiment(Part):
                 f"feed.inflow = {inflow.tolist()}: at least one should be greater than 0"
             )
         return self
+
+    @property
+    def mean_inflow(self) -> Floats:
+        """R_a (species,) [cm], averaged over the pour."""
+        mean: Floats = self.feed.mean_thickness(np.array([0.0, self.pour.duration]))[0]
+        return mean
 
     @property
     def start_composition(self) -> tuple[float, ...]:

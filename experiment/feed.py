@@ -18,7 +18,7 @@ def _average_of_table(part: dict[str, Any]) -> tuple[float, ...]:
 
 
 class Feed(Part):
-    """A feed R_a^0 and its schedule. Models ask :meth:`thickness` at their own times.
+    """A feed R_a^0 and its schedule. Models ask :meth:`mean_thickness` over their own steps.
 
     `inflow` is given for every schedule but a table, whose average it is.
     """
@@ -30,10 +30,12 @@ class Feed(Part):
         """Rolling thickness R_a [cm] at x = 0: an array (time, species) for times (time,) [s]."""
         return self.schedule.thickness(np.array(self.inflow), times)
 
-    @property
-    def mean_inflow(self) -> Floats:
-        """R_a (species,) [cm], averaged over time."""
-        return self.schedule.mean(np.array(self.inflow))
+    def mean_thickness(self, edges: Floats) -> Floats:
+        """Rolling thickness R_a [cm] at x = 0, averaged between successive `edges` (time + 1,) [s].
+
+        An array (time, species).
+        """
+        return self.schedule.mean_thickness(np.array(self.inflow), edges)
 
     @property
     def largest_inflow(self) -> Floats:

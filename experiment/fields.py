@@ -8,12 +8,13 @@ import math
 import re
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from experiment.errors import SetupError
 
 __all__ = [
     "LARGEST",
+    "SMALLEST",
     "STEEPEST",
     "Fraction",
     "Matrix",
@@ -27,10 +28,18 @@ __all__ = [
 ]
 
 STEEPEST = 100.0
-LARGEST = 1e9
+SMALLEST, LARGEST = 1e-9, 1e9
 
 Number = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST)]
-Positive = Annotated[float, Field(strict=True, gt=0, le=LARGEST)]
+
+
+def _not_vanishing(value: float) -> float:
+    if value < SMALLEST:
+        raise ValueError(f"it should be at least {SMALLEST:g}")
+    return value
+
+
+Positive = Annotated[float, Field(strict=True, gt=0, le=LARGEST), AfterValidator(_not_vanishing)]
 NonNegative = Annotated[float, Field(strict=True, ge=0, le=LARGEST)]
 Fraction = Annotated[float, Field(strict=True, ge=0, le=1)]
 Slope = Annotated[float, Field(strict=True, ge=0, le=STEEPEST)]

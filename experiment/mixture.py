@@ -16,6 +16,7 @@ from typing import Any, Self
 from pydantic import Field, model_validator
 
 from experiment.fields import (
+    SMALLEST,
     STEEPEST,
     Matrix,
     NonNegative,
@@ -139,8 +140,12 @@ class Mixture(Part):
                 rows = [list(row) for row in matrix]
                 raise ValueError(f"{name} = {rows}: it should be a {n} x {n} matrix")
         for a in range(n):
-            if self.collision_rate is not None and self.collision_rate[a][a] == 0:
-                raise ValueError(f"collision_rate[{a}][{a}] = 0: it should be greater than 0")
+            if self.collision_rate is not None and self.collision_rate[a][a] < SMALLEST:
+                rate = self.collision_rate[a][a]
+                raise ValueError(
+                    f"collision_rate[{a}][{a}] = {rate:g}: it should be greater than 0, "
+                    f"at least {SMALLEST:g}"
+                )
             if self.cross_amplification is not None and self.cross_amplification[a][a] != 0:
                 value = self.cross_amplification[a][a]
                 raise ValueError(f"cross_amplification[{a}][{a}] = {value}: it should be 0")

@@ -9,7 +9,7 @@ from experiment.errors import ArchiveError, SetupError
 from experiment.experiment import Pour
 from experiment.variables import COORDINATES, VARIABLES
 
-__all__ = ["Recorder", "record_steps", "times_of_steps"]
+__all__ = ["Recorder", "edges_of_steps", "record_steps"]
 
 MOST_STEPS = 10**9
 BLOCK = 65_536
@@ -30,10 +30,13 @@ def record_steps(pour: Pour, dt: float) -> list[int]:
     return sorted({round(k * last / pour.records) for k in range(pour.records + 1)})
 
 
-def times_of_steps(first: int, last: int, dt: float) -> Iterator[Floats]:
-    """Middles [s] of the steps from `first` up to `last`, in blocks that fit into memory."""
+def edges_of_steps(first: int, last: int, dt: float) -> Iterator[Floats]:
+    """Times [s] at which the steps from `first` up to `last` begin and the last one ends.
+
+    In blocks that fit into memory.
+    """
     for start in range(first, last, BLOCK):
-        yield (np.arange(start, min(start + BLOCK, last)) + 0.5) * dt
+        yield np.arange(start, min(start + BLOCK, last) + 1) * dt
 
 
 class Recorder:

@@ -5,7 +5,8 @@
     sine       R_a(t) = R_a^0 + amplitude_a sin(2 pi t / T)
     table      R_a(t) = linear between the rows of a table, constant after the last
 
-T is the `period`. A mean is over a period or over the table's span; R_a^0 of a table is its mean.
+T is the `period`. Models are fed the mean over each of their steps, so that no pulse between two
+steps is missed. R_a^0 of a table is its mean over the table's span.
 Sine amplitudes of opposite sign vary the composition of the feed.
 """
 
@@ -14,6 +15,7 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
+from scipy.interpolate import make_interp_spline
 
 from experiment.arrays import Floats
 from experiment.fields import NonNegative, Number, Part, Positive
@@ -30,9 +32,9 @@ class Variation(Part):
         """R_a (time, species) [cm] at `times` (time,) [s]."""
         return np.tile(base, (len(times), 1))
 
-    def mean(self, base: Floats) -> Floats:
-        """R_a (species,) [cm], averaged over time."""
-        return base
+    def mean_thickness(self, base: Floats, edges: Floats) -> Floats:
+        """R_a (time, species) [cm], averaged between successive `edges` (time + 1,) [s]."""
+        return np.tile(base, (len(edges) - 1, 1))
 
     def largest(self, base: Floats) -> Floats:
         """The largest R_a (species,) [cm] that each species has at any time."""
@@ -61,9 +63,13 @@ class Pulses(Variation):
         in_pulse = np.mod(times, self.period) < self.share * self.period
         return np.where(in_pulse[:, None], np.array(self.inflow), base)
 
-    def mean(self, base: Floats) -> Floats:
-        """The mean over a period."""
-        return self.share * np.array(self.inflow) + (1 - self.share) * base
+    def mean_thickness(self, base: Floats, edges: Floats) -> Floats:
+        """As much of both as of pulse and pause in each interval."""
+        periods, phase = np.divmod(edges, self.period)
+        in_pulse = self.period * self.share
+        pulsed = np.diff(periods * in_pulse + np.minimum(phase, in_pulse))
+        part = np.clip(pulsed / np.diff(edges), 0.0, 1.0)[:, None]  # but for round-off it is
+        return np.asarray(part * np.array(self.inflow) + (1.0 - part) * base)
 
     def largest(self, base: Floats) -> Floats:
         """The larger of pulse and R_a^0."""
@@ -85,6 +91,12 @@ class Sine(Variation):
         """R_a^0 and its swing."""
         swing = np.sin(2 * np.pi * times / self.period)
         return np.asarray(base + np.outer(swing, self.amplitude))
+
+    def mean_thickness(self, base: Floats, edges: Floats) -> Floats:
+        """R_a^0 and the mean of its swing."""
+        turn = 2 * np.pi / self.period
+        swing = -np.diff(np.cos(turn * edges)) / (turn * np.diff(edges))
+        return np.asarray(base + np.outer(np.clip(swing, -1.0, 1.0), self.amplitude))
 
     def largest(self, base: Floats) -> Floats:
         """R_a at the crest."""
@@ -120,6 +132,14 @@ class Table(Variation):
         for a, column in enumerate(zip(*self.inflow, strict=True)):
             fed[:, a] = np.interp(times, self.time, column)
         return fed
+
+    def mean_thickness(self, base: Floats, edges: Floats) -> Floats:  # noqa: ARG002
+        """The area under the rows between two edges, over their distance."""
+        rows = np.array(self.inflow)
+        time = np.append(self.time, max(self.time[-1], edges[-1]) + 1.0)
+        line = make_interp_spline(time, np.vstack([rows, rows[-1:]]), k=1)
+        mean = np.diff(line.antiderivative()(edges), axis=0) / np.diff(edges)[:, None]
+        return np.asarray(np.clip(mean, rows.min(axis=0), rows.max(axis=0)))  # but for round-off
 
     def largest(self, base: Floats) -> Floats:  # noqa: ARG002
         """The largest value of each column."""

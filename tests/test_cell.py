@@ -92,6 +92,11 @@ SURFACE = "cell.start_surface=[[0.0, 1.0], [100.0, 0.0]]"
         (["cell.shape=drum"], "cell.turning_rate: missing; a drum has to turn"),
         ([*DRUM, "cell.turning_rate=0.0"], "cell.turning_rate = 0.0: it should be greater than 0"),
         ([*DRUM, "cell.end=open"], "cell.end = 'open': it should be 'wall' in a drum"),
+        (
+            [*DRUM, "cell.turning_rate=0.1", "cell.start_slope=2.0"],
+            "cell.start_slope = 2: it should be at most 1.5 in a drum",
+        ),
+        (["cell.length=1e-300"], "cell.length = 1e-300: it should be at least 1e-09"),
         ([*TURNING], "feed.inflow = [0.5, 0.5]: it should be 0 in a drum"),
         ([*DRUM, "cell.start_composition=[1.0]"], "cell.start_composition = [1.0]: it should be 2"),
         ([*DRUM, "cell.start_slope=0.0", SURFACE], "cell.start_surface = [[0.0, 1.0], [100.0, 0."),

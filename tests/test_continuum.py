@@ -10,7 +10,10 @@ import continuum
 from continuum import law_of
 from continuum.kernel import advance, find_composition
 from continuum.law import interaction, positive_part
-from continuum.limiters import LIMITERS
+from continuum.limiters import LIMITERS, limited
+from continuum.run import Resolution
+from continuum.section import section_of_drum
+from continuum.slopes import slopes_of
 from continuum.state import SCHEMES, Grid
 from experiment import Experiment, Mixture, NotApplicableError, SetupError, load, preset_text
 from experiment.experiment import parse_toml, set_values
@@ -94,7 +97,7 @@ def test_each_species_is_conserved_over_1e6_steps_with_strong_erosion(cross: flo
     lip=st.sampled_from([np.nan, 0.0, 0.7]),
     limiter=st.integers(0, len(LIMITERS) - 1),
     scheme=st.integers(0, len(SCHEMES) - 1),
-    dispersion=st.sampled_from([0.0, 0.3]),
+    dispersion=st.sampled_from([0.0, 0.3, 30.0]),
     cells=st.integers(3, 40),
 )
 def test_any_mixture_keeps_its_volume_positive_thicknesses_and_fractions(
@@ -158,7 +161,7 @@ def test_any_drum_keeps_each_species(
         "drift_velocity": random.uniform(3, 10, 2).tolist(),
         "surface_depth": depth,
     }
-    turning = {"shape": "drum", "length": 20.0, "turning_rate": random.uniform(0.01, 1.0)}
+    turning = {"shape": "drum", "length": 20.0, "turning_rate": random.uniform(0.01, 0.3)}
     tables = {
         "title": "any drum",
         "mixture": mixture,
@@ -335,3 +338,91 @@ def test_a_law_is_made_of_any_mixture() -> None:
     assert law.collision_rate[1][0] == 0.25
     assert law.cross_amplification[0][1] == 0.1
     assert law.surface_depth == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize("rate", [0.5, 200.0])
+def test_both_schemes_erode_a_thin_layer_on_the_rigid_surface_alike(rate: float) -> None:
+    """What is loose is a tenth of the layer; the rigid rest of the surface gives up no grains."""
+    law = law_with(1, collision_rate=[[rate]], curvature_length=0.0)
+    left = []
+    for scheme in range(len(SCHEMES)):
+        flow = still(law, 20, base=2.0 * np.arange(20)[::-1] * 0.5)
+        flow.surface[0] = 0.1 * law.surface_depth
+        flow.height[:] += flow.surface[0]
+        flow.rolling[0] = 0.01
+        step = 1e-3 / rate
+        grid = Grid(0.5, step, 0.1, scheme=scheme)
+        advance(flow, law, grid, np.array([0.5 / step]), np.full((20, 1), 0.01))
+        left.append(flow.surface[0, 10])
+    assert left[1] == pytest.approx(left[0], rel=2e-3)
+    assert left[0] < 0.1 * law.surface_depth
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_capture_much_faster_than_a_step_leaves_nothing_rolling_far_down(scheme: str) -> None:
+    settings = ["mixture.drift_velocity=1.0", "feed.inflow=[0.001]", "cell.start_slope=0.0"]
+    grids = ["continuum.cells=30", f"continuum.scheme={scheme}"]
+    archive = continuum.pour(load("de-gennes-silo", [*settings, *grids]))
+    laid = (archive["height"].isel(time=-1) - archive["base_height"]).values
+    assert laid[archive["x"].values > 5].sum() < 1e-9 * laid.sum()
+
+
+def test_dispersion_into_a_wall_overfills_no_tape() -> None:
+    settings = [
+        "mixture.dispersion=10.0",
+        "mixture.drift_velocity=1.0",
+        "mixture.collision_rate=[[1.72]]",
+        "mixture.repose_slope=[[0.22]]",
+        "mixture.surface_depth=0.0176",
+        "cell={length=10.0, start_slope=1.0}",
+        "feed.inflow=[0.51]",
+        "continuum.cells=16",
+        "pour.duration=45.0",
+    ]
+    archive = continuum.pour(load("bcre", settings))
+    held = archive["rolling_volume"] + archive["deposited_volume"]
+    np.testing.assert_allclose(held, archive["poured_volume"], rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("settings", "named"),
+    [
+        (("mixture.surface_depth=1e-9",), r"mixture\.surface_depth = 1e-09: bins of"),
+        (("mixture.drift_velocity=1e-6",), r"cell\.turning_rate = 0\.1: .* would roll"),
+    ],
+)
+def test_a_drum_too_fine_or_too_slow_to_hold_is_refused(settings, named: str) -> None:
+    with pytest.raises(SetupError, match=named):
+        continuum.check(load("drum-mixture", settings))
+
+
+def test_a_section_through_a_drum_shows_each_half_where_it_lies() -> None:
+    """Large grains only in the half ring's part below the uphill side."""
+    experiment = load("drum-mixture", ["cell.start_composition=[1.0, 0.0]", "cell.start_slope=0.0"])
+    grid = Resolution.parse(experiment.continuum, "continuum").grid(experiment)
+    slope = slopes_of(experiment, grid, 200, law_of(experiment.mixture))[0]
+    for row, count in enumerate(slope.flow.sealed):
+        uphill = slice(0, count // 2)
+        slope.flow.tape[:, row, uphill] = slope.flow.tape[::-1, row, uphill]
+    z, fraction = section_of_drum(slope, 10.0)
+    below = (z > 1.0) & (z < 8.0)
+    assert np.nanmin(fraction[below][:, 110:130, 0]) > 0.99, "downhill: small"
+    assert np.nanmin(fraction[below][:, 70:90, 1]) > 0.99, "uphill: large"
+    shallow = (z > 9.5) & (z < 10.0)
+    assert np.isfinite(fraction[shallow][:, 40:60]).all()
+
+
+def test_limiters_take_differences_as_steep_as_they_may() -> None:
+    expected = {
+        "minmod": (1.0, 1.0, 0.0),
+        "van_leer": (1.5, 1.0, 0.0),
+        "monotonized_central": (2.0, 1.0, 0.0),
+        "superbee": (2.0, 1.0, 0.0),
+    }
+    for name, found in expected.items():
+        place = LIMITERS.index(name)
+        pairs = ((1.0, 3.0), (1.0, 1.0), (1.0, -1.0))
+        assert tuple(limited(place, *pair) for pair in pairs) == found
+        assert limited(place, -1.0, -3.0) == -found[0]
+    assert limited(LIMITERS.index("superbee"), 1.0, 1.5) == 1.5
+    assert limited(LIMITERS.index("monotonized_central"), 1.0, 1.5) == 1.25

@@ -11,7 +11,7 @@ from ca_model.kernel import Pile, advance, grains_at_rest
 from ca_model.lattice import MANY, Rule, lattice_of
 from ca_model.reference import ReferencePile
 from experiment import NotApplicableError, SetupError, load
-from experiment.recorder import times_of_steps
+from experiment.recorder import edges_of_steps
 
 
 @st.composite
@@ -167,8 +167,8 @@ def test_species_of_different_speed_do_not_apply() -> None:
 def test_a_fixed_feed_keeps_up_with_any_rate_however_it_is_asked() -> None:
     rates = np.tile([7.5, 1.0 / 3.0], (3000, 1))
     slow, poured = Arrivals("fixed", np.random.default_rng(0), np.zeros(1, dtype=np.int64)), 0
-    for times in times_of_steps(0, 10**7, 1.0):
-        poured += int(slow.take(np.full((len(times), 1), 0.3)).sum())
+    for edges in edges_of_steps(0, 10**7, 1.0):
+        poured += int(slow.take(np.full((len(edges) - 1, 1), 0.3)).sum())
     assert poured == 3_000_000
     many = Arrivals("fixed", np.random.default_rng(0), np.zeros(1, dtype=np.int64))
     assert (many.take(np.full((65_536, 1), 150.0)) == 150).all()

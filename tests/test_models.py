@@ -207,3 +207,13 @@ def test_the_kinks_balance_agrees_with_the_measured_cycle(poured: Poured) -> Non
     simple = wavelength_of_kink(1.0, 1.0, kink)
     assert simple < balance
     assert simple == pytest.approx(float(found["wavelength"]), rel=0.15)
+
+
+def test_over_an_open_end_all_that_is_poured_flows_at_the_slope_of_repose(poured: Poured) -> None:
+    """Down to the lip, half a cell beyond the last cell's middle."""
+    archive = poured("continuum", "de-gennes-silo", "cell.end=open", "pour.duration=300.0")
+    last = archive.isel(time=-1)
+    dx = float(archive["x"][1] - archive["x"][0])
+    np.testing.assert_allclose(-np.diff(last["height"]) / dx, 0.6, rtol=1e-6)
+    assert float(last["height"][-1]) == pytest.approx(0.6 * dx / 2, rel=1e-6)
+    np.testing.assert_allclose(last["rolling_thickness"], 0.25, rtol=1e-6)

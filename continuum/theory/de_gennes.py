@@ -80,7 +80,7 @@ def silo_of(experiment: Experiment) -> Silo:
     velocity, rate, repose_slope = _one_species(experiment, steady_silo(experiment))
     return Silo(
         length=experiment.cell.length,
-        inflow=float(experiment.feed.mean_inflow[0]),
+        inflow=float(experiment.mean_inflow[0]),
         velocity=velocity,
         rate=rate,
         repose_slope=repose_slope,

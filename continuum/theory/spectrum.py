@@ -185,7 +185,7 @@ def step_of(experiment: Experiment) -> Step:
         law=law_of(experiment.mixture),
         grid=resolution.grid(experiment)._replace(dz=1e9),
         velocity=np.array(experiment.mixture.drift_velocity),
-        inflow=experiment.feed.mean_inflow,
+        inflow=experiment.mean_inflow,
         cells=resolution.cells,
     )
 
@@ -220,7 +220,7 @@ def first_guess(experiment: Experiment, step: Step) -> Floats:
 
 
 def _poured(experiment: Experiment) -> tuple[Floats, Floats, Floats]:
-    length, total = experiment.cell.length, float(experiment.feed.mean_inflow.sum())
+    length, total = experiment.cell.length, float(experiment.mean_inflow.sum())
     depth = max(experiment.mixture.surface_depth, 5 * total)
     crossing = length / min(experiment.mixture.drift_velocity)
     slope = float(np.min(experiment.mixture.repose_slope))
