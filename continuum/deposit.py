@@ -11,7 +11,7 @@ from numba import njit
 from continuum.state import Flow
 from experiment.arrays import Floats, Ints
 
-__all__ = ["dig_up", "is_nearly_full", "seal_full_bins", "some_lack"]
+__all__ = ["dig_up", "is_nearly_full", "reopen", "seal_full_bins", "some_lack"]
 
 
 @njit(cache=True)
@@ -28,7 +28,7 @@ def dig_up(flow: Flow, beyond: Floats) -> None:
     """Reopen sealed bins where the surface layer lacks grains, `beyond` (cell,) [cm] < 0."""
     for i in range(beyond.size):
         if beyond[i] < 0.0:
-            _reopen(flow, i, -beyond[i])
+            reopen(flow, i, -beyond[i])
 
 
 @njit(cache=True, error_model="numpy")
@@ -61,7 +61,7 @@ def _seal(flow: Flow, i: int, dz: float) -> None:
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _reopen(flow: Flow, i: int, wanted: float) -> None:
+def reopen(flow: Flow, i: int, wanted: float) -> None:
     """Refill the surface layer of cell i by `wanted` from the sealed bins, as far as they go."""
     row, bins = flow.row[i], flow.tape.shape[2]
     species = flow.filling.shape[0]

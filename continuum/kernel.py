@@ -43,7 +43,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from continuum.deposit import dig_up, is_nearly_full, seal_full_bins, some_lack
+from continuum.deposit import dig_up, is_nearly_full, reopen, seal_full_bins, some_lack
 from continuum.law import Law, amplification_rates, capture_rates, repose_slopes
 from continuum.limiters import limited
 from continuum.species import Rows, Values, at, put, total
@@ -368,10 +368,19 @@ def _turn(height: Floats, surface: Floats, grid: Grid, dt: float) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _release_at_rim(flow: Flow, cells: Cells, law: Law, grid: Grid) -> None:
-    """Set rolling what the turning of a drum lifted in its first cell, where no flow arrives."""
+    """Set rolling what the turning of a drum lifted in its first cell, where no flow arrives.
+
+    Layer by layer, for that may be more than the surface layer holds.
+    """
     lifted = grid.turning_rate * 0.5 * (flow.height.size - 1) * grid.dx * grid.dt
-    settled = at(cells.surface, 0, cells.rigid_fraction)
-    share = lifted / max(lifted, total(settled))
-    for a in range(len(settled)):
-        settled = put(settled, a, -share * settled[a])
-    _lay(flow, cells, 0, settled, law, grid)
+    held = flow.surface[:, 0].sum()
+    while lifted > 0.0 and held > 0.0:
+        share = min(lifted / held, 1.0)
+        settled = at(cells.surface, 0, cells.rigid_fraction)
+        for a in range(len(settled)):
+            settled = put(settled, a, -share * settled[a])
+        _lay(flow, cells, 0, settled, law, grid)
+        if cells.beyond[0] < 0.0:
+            reopen(flow, 0, -cells.beyond[0])
+        lifted -= share * held
+        held = flow.surface[:, 0].sum()
