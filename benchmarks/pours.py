@@ -37,14 +37,14 @@ def pours() -> None:
 def unit_costs() -> None:
     experiment = load("lattice-stratification", ["pour.records=1"])
     lattice = lattice_of(experiment)
-    columns, steps = len(lattice.base), round(experiment.pour.duration / lattice.step)
+    columns, steps = lattice.columns, round(experiment.pour.duration / lattice.step)
     kernel = seconds(lambda: ca_model.pour(experiment)) / (columns * steps)
     few = 300
-    pile = ReferencePile(lattice.rule, lattice.base, lattice.base_species)
+    pile = ReferencePile(lattice.rule, lattice.ground)
 
     def reference() -> None:
         for _ in range(few):
-            pile.step([2, 1])
+            pile.step([[2, 1]])
 
     plain = seconds(reference, repeats=1) / (columns * few)
     print(f"lattice kernel        {kernel * 1e9:8.2f} ns a column and step")

@@ -1,6 +1,6 @@
 """The lattice model of rolling and captured grains (Makse, Cizeau and Stanley's rule)."""
 
-from ca_model.lattice import Lattice, Rule, Settings, lattice_of
-from ca_model.run import check, pour
+from ca_model.lattice import Ground, Lattice, Rule, Settings, lattice_of
+from ca_model.run import check, pour, pour_many
 
-__all__ = ["Lattice", "Rule", "Settings", "check", "lattice_of", "pour"]
+__all__ = ["Ground", "Lattice", "Rule", "Settings", "check", "lattice_of", "pour", "pour_many"]

@@ -1,9 +1,21 @@
-"""Which grains enter column 0 in each step: a fixed number, or a random one from a generator."""
+"""Which grains arrive in each step: a fixed number, or a random one from a stream of its own.
 
+    fixed     the whole grains of what was fed since the start; what is left over is due later
+    poisson   each species' number is a Poisson variate of its rate
+    drawn     the total is fixed; the species of each grain is drawn in proportion to the rates
+
+The random numbers of pile k of a seed are those of the counter-based generator Philox 4x64-10 with
+the key (seed, 2 k), and of its flow to the left (seed, 2 k + 1). All that is made of them is
+sums, products and comparisons, so that a seed gives the same grains on any machine.
+"""
+
+import math
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
 from experiment.arrays import Floats, Ints
 
@@ -13,37 +25,111 @@ ArrivalKind = Literal["fixed", "poisson", "drawn"]
 
 SHARES = 2**40  # a grain is counted in so many shares, so that sums are exact
 ROUND_OFF = 2**24  # shares; a grain that lacks no more than this is whole
+MOST_AT_ONCE = 16.0  # grains; variates of larger rates are sums of several
+NEGLIGIBLE = 1e-20  # probability
 
 
 @dataclass
 class Arrivals:
-    """Grains of each species, step by step, for rates (step, species) given in grains per step.
-
-    fixed     the whole part of what was fed; what is left over is due later
-    poisson   each species' number is a Poisson variate of its rate
-    drawn     the total is fixed; the species of each grain is drawn in proportion to the rates
-    """
+    """Grains of each species, step by step, for rates (step, species) given in grains per step."""
 
     kind: ArrivalKind
-    generator: np.random.Generator
+    stream: np.random.Philox
+    parts: int  # variates that a Poisson variate is the sum of
     due: Ints  # (species,) shares that were fed but make no whole grain yet
+
+    @classmethod
+    def start(
+        cls, kind: ArrivalKind, largest: Floats, *, seed: int = 0, pile: int = 0, side: int = 0
+    ) -> "Arrivals":
+        """Before the first step; `largest` (species,) are the highest rates that will come."""
+        stream = np.random.Philox(key=np.array([seed, 2 * pile + side], dtype=np.uint64))
+        parts = max(1, math.ceil(float(np.max(largest)) / MOST_AT_ONCE))
+        return cls(kind, stream, parts, np.zeros(len(largest), dtype=np.int64))
 
     def take(self, rates: Floats) -> Ints:
         """The next grains (step, species), one row for each row of `rates`."""
         if self.kind == "poisson":
-            return np.asarray(self.generator.poisson(rates), dtype=np.int64)
+            words = self.stream.random_raw((*rates.shape, self.parts))
+            return _poisson(rates / self.parts, words)
         shares = np.rint(rates * SHARES).astype(np.int64)
         if self.kind == "fixed":
-            return self._whole(shares)
-        total = self._whole(shares.sum(axis=1, keepdims=True))[:, 0]
-        chance = rates / np.maximum(rates.sum(axis=1, keepdims=True), np.finfo(float).tiny)
-        chance[:, -1] = np.maximum(1.0 - chance[:, :-1].sum(axis=1), 0.0)
-        return np.asarray(self.generator.multinomial(total, chance), dtype=np.int64)
+            return _whole(shares, self.due)
+        total = _whole(shares.sum(axis=1, keepdims=True), self.due)[:, 0]
+        return _drawn(rates, total, self.stream.random_raw(int(total.sum())))
 
-    def _whole(self, shares: Ints) -> Ints:
-        """Whole grains of each step (step, kind) for the shares fed in it; the rest stays due."""
-        whole, rest = np.divmod(shares, SHARES)
-        fed = self.due[: shares.shape[1]] + np.cumsum(rest, axis=0)
-        completed = (fed + ROUND_OFF) // SHARES
-        self.due[: shares.shape[1]] = fed[-1] - completed[-1] * SHARES
-        return np.asarray(whole + np.diff(completed, axis=0, prepend=0))
+
+@njit(cache=True, nogil=True)
+def _whole(shares: Ints, due: Ints) -> Ints:
+    """Whole grains of each step (step, kind) for the shares fed in it; the rest stays due."""
+    whole = np.empty_like(shares)
+    for step in range(shares.shape[0]):
+        for a in range(shares.shape[1]):
+            due[a] += shares[step, a]
+            whole[step, a] = (due[a] + ROUND_OFF) // SHARES
+            due[a] -= whole[step, a] * SHARES
+    return whole
+
+
+@njit(cache=True, nogil=True)
+def _drawn(rates: Floats, total: Ints, words: NDArray[np.uint64]) -> Ints:
+    """Draw the species of `total` (step,) grains, each by the next of the random `words`."""
+    grains = np.zeros(rates.shape, dtype=np.int64)
+    drawn = 0
+    for step in range(rates.shape[0]):
+        fed, last = 0.0, 0
+        for a in range(rates.shape[1]):
+            if rates[step, a] > 0:
+                fed += rates[step, a]
+                last = a
+        for _ in range(total[step]):
+            left = _fraction(words[drawn]) * fed
+            drawn += 1
+            a = 0
+            while a < last and left >= rates[step, a]:
+                left -= rates[step, a]
+                a += 1
+            grains[step, a] += 1
+    return grains
+
+
+@njit(cache=True, nogil=True)
+def _poisson(rates: Floats, words: NDArray[np.uint64]) -> Ints:
+    """Poisson variates (step, species), each a sum over random `words` (step, species, part).
+
+    By inversion: p_k = (r^k / k!) / (sum of all r^k / k!), as far as they matter.
+    """
+    grains = np.zeros(rates.shape, dtype=np.int64)
+    for a in range(rates.shape[1]):
+        rate, all_weights, most = -1.0, 1.0, 0
+        for step in range(rates.shape[0]):
+            if rates[step, a] != rate:
+                rate = rates[step, a]
+                all_weights, most = _sum_of_weights(rate)
+            for word in words[step, a]:
+                target = _fraction(word) * all_weights
+                k, weight = 0, 1.0
+                up_to_k = weight
+                while up_to_k <= target and k < most:
+                    k += 1
+                    weight *= rate / k
+                    up_to_k += weight
+                grains[step, a] += k
+    return grains
+
+
+@njit(cache=True)
+def _sum_of_weights(rate: float) -> tuple[float, int]:
+    """The sum of r^k / k! and the largest k that counts."""
+    k, weight, total = 0, 1.0, 1.0
+    while k < rate or weight > NEGLIGIBLE * total:
+        k += 1
+        weight *= rate / k
+        total += weight
+    return total, k
+
+
+@njit(inline="always")
+def _fraction(word: np.uint64) -> float:
+    """A random number from 0 to below 1 of 53 random bits."""
+    return (word >> np.uint64(11)) * 2.0**-53

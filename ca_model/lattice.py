@@ -19,13 +19,14 @@ from experiment import Experiment, NotApplicableError, SetupError
 from experiment.arrays import Floats, Ints
 from experiment.fields import Part, Positive
 
-__all__ = ["Lattice", "Rule", "Settings", "lattice_of"]
+__all__ = ["MANY", "Ground", "Lattice", "Rule", "Settings", "lattice_of"]
 
 
 ROUND_OFF = 1e-9
 MANY = 2**62
 MOST_COLUMNS = 10_000_000
 MOST_GRAINS = 1_000_000  # a step
+MOST_SPECIES = 64
 
 
 class Settings(Part):
@@ -53,26 +54,40 @@ class Rule(NamedTuple):
     grain_height: Ints  # (species,) H_a
     threshold: Ints  # (species, surface_species): captured where s < threshold
     smallest_first: Ints  # (species,) the species in the order in which they touch the pile
-    contacts: int  # how often a column may touch the flow in a step
+    contacts: int  # how often a column may touch each flow in a step
     percolation: bool  # whether only the smallest species present touches the pile
+
+
+class Ground(NamedTuple):
+    """What is poured onto, in lattice units."""
+
+    height: Ints  # (column,) before pouring
+    species: int  # what the surface before pouring is made of
+    lips: tuple[int, int] | None = None  # heights of the open ends on the left and right; or walls
+    sides: int = 1  # 1: grains roll to the right only; 2: to the left as well
 
 
 class Lattice(NamedTuple):
     """A set-up on the lattice, and what a lattice unit is in cm and s."""
 
     rule: Rule
-    base: Ints  # (column,) heights before pouring, in u
-    base_species: int  # the species that the surface before pouring is made of
-    grains_per_step: Floats  # (species,) of the mean feed
+    ground: Ground
+    left: float  # where the first column begins, cm
+    grains_per_step: Floats  # (species,) of the mean feed, to each side
     unit: float  # u, cm
     column_width: float  # w, cm
     step: float  # w / v, s
     arrivals: ArrivalKind
 
     @property
+    def columns(self) -> int:
+        """Number of columns."""
+        return len(self.ground.height)
+
+    @property
     def x(self) -> Floats:
         """Middles of the columns (column,) [cm]."""
-        return (np.arange(len(self.base)) + 0.5) * self.column_width
+        return self.left + (np.arange(self.columns) + 0.5) * self.column_width
 
     @property
     def grain_thickness(self) -> Floats:
@@ -84,13 +99,18 @@ class Lattice(NamedTuple):
         """Volume w H_a u per unit gap [cm2] of a grain (species,)."""
         return self.grain_thickness * self.column_width
 
+    def column_after(self, x: Floats) -> Ints:
+        """The column that begins at the edge nearest to x [cm]; past the end, their number."""
+        edge = np.rint((x - self.left) / self.column_width).astype(np.int64)
+        return np.asarray(np.clip(edge, 0, self.columns))
+
 
 def lattice_of(experiment: Experiment) -> Lattice:
     """The lattice of a set-up.
 
     Raises :class:`SetupError` for a wrong `[ca_model]` table and :class:`NotApplicableError` for
-    what the rule does not know: other cells than a silo with a wall, dispersion, species of
-    different speeds, and a surface of mixed grains before pouring.
+    what the rule does not know: drums, dispersion, species of different speeds, and a surface of
+    mixed grains before pouring.
     """
     settings = Settings.parse(experiment.ca_model, "ca_model")
     mixture = experiment.mixture
@@ -99,12 +119,6 @@ def lattice_of(experiment: Experiment) -> Lattice:
     width = settings.column_width or 10 * unit
     if unit > min(mixture.grain_diameter):
         raise SetupError(f"ca_model.unit = {unit:g}: it should not exceed the smallest diameter")
-    columns = round(experiment.cell.length / width)
-    if not 3 <= columns <= MOST_COLUMNS:
-        raise SetupError(
-            f"ca_model.column_width = {width:g}: it should fit into cell.length = "
-            f"{experiment.cell.length:g} from 3 to {MOST_COLUMNS} times"
-        )
     heights = np.rint(np.array(mixture.grain_diameter) / unit).astype(np.int64)
     slopes = np.array(mixture.repose_slope) * width / unit
     rule = Rule(
@@ -114,19 +128,12 @@ def lattice_of(experiment: Experiment) -> Lattice:
         contacts=MANY if settings.contacts == "all" else settings.contacts,
         percolation=settings.percolation,
     )
-    largest = experiment.feed.largest_inflow
-    most = (largest / (heights * unit)).sum()
-    if most > MOST_GRAINS:
-        raise SetupError(
-            f"feed.inflow = {largest.tolist()}: it makes {most:.2g} grains a step; "
-            f"at most {MOST_GRAINS} are allowed"
-        )
-    cell = experiment.cell.model_copy(update={"length": columns * width})
-    x = (np.arange(columns) + 0.5) * width
+    _check_the_feed(experiment.feed.largest_inflow, heights * unit)
+    ground, left = _ground(experiment, unit, width)
     return Lattice(
         rule=rule,
-        base=np.rint(cell.base_height(x) / unit).astype(np.int64),
-        base_species=int(np.argmax(experiment.start_composition)),
+        ground=ground,
+        left=left,
         grains_per_step=experiment.mean_inflow / (heights * unit),
         unit=unit,
         column_width=width,
@@ -135,12 +142,42 @@ def lattice_of(experiment: Experiment) -> Lattice:
     )
 
 
+def _ground(experiment: Experiment, unit: float, width: float) -> tuple[Ground, float]:
+    """The surface before pouring, and where its first column begins [cm]."""
+    cell = experiment.cell
+    columns = round(cell.length / width)
+    if not 3 <= columns <= MOST_COLUMNS:
+        raise SetupError(
+            f"ca_model.column_width = {width:g}: it should fit into cell.length = "
+            f"{cell.length:g} from 3 to {MOST_COLUMNS} times"
+        )
+    sides = 2 if cell.shape == "heap" else 1
+    whole = cell.model_copy(update={"length": columns * width})
+    x = whole.left + (np.arange(sides * columns) + 0.5) * width
+    ends = np.rint(whole.base_at_end / unit).astype(int)
+    ground = Ground(
+        height=np.rint(whole.base_height(x) / unit).astype(np.int64),
+        species=int(np.argmax(experiment.start_composition)),
+        lips=(int(ends[0]), int(ends[-1])) if cell.end == "open" else None,
+        sides=sides,
+    )
+    return ground, whole.left
+
+
+def _check_the_feed(largest: Floats, grain_thickness: Floats) -> None:
+    most = (largest / grain_thickness).sum()
+    if most > MOST_GRAINS:
+        raise SetupError(
+            f"feed.inflow = {largest.tolist()}: it makes {most:.2g} grains a step; "
+            f"at most {MOST_GRAINS} are allowed"
+        )
+
+
 def _check_that_the_rule_applies(experiment: Experiment) -> None:
     cell, mixture = experiment.cell, experiment.mixture
     speeds, start = list(mixture.drift_velocity), list(experiment.start_composition)
     limits = {
-        f"cell.shape = {cell.shape!r}: the lattice pours silos only": cell.shape == "silo",
-        f"cell.end = {cell.end!r}: the lattice has a wall at its end": cell.end == "wall",
+        f"cell.shape = {cell.shape!r}: the lattice pours silos and heaps": cell.shape != "drum",
         f"mixture.dispersion = {mixture.dispersion:g}: lattice grains roll without dispersion": (
             mixture.dispersion == 0
         ),
@@ -148,6 +185,9 @@ def _check_that_the_rule_applies(experiment: Experiment) -> None:
             min(speeds) == max(speeds)
         ),
         f"cell.start_composition = {start}: a lattice surface is of one species": max(start) == 1,
+        f"mixture.names: {mixture.species} species; the lattice knows at most {MOST_SPECIES}": (
+            mixture.species <= MOST_SPECIES
+        ),
     }
     for reason, applies in limits.items():
         if not applies:

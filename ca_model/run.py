@@ -1,21 +1,23 @@
 """A pour on the lattice: set-up, schedule of records, archive in cm and s."""
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import xarray as xr
 
 from ca_model.arrivals import Arrivals
-from ca_model.kernel import Pile, advance, grains_at_rest
+from ca_model.deposit import Deposit, section
 from ca_model.lattice import Lattice, lattice_of
+from ca_model.notes import notes
+from ca_model.pile import Pile
 from experiment import Experiment
 from experiment.archive import assemble
 from experiment.arrays import Floats, Ints
 from experiment.recorder import Recorder, edges_of_steps, record_steps
 
-__all__ = ["check", "pour"]
-
-FIRST_PLACES = 64
+__all__ = ["check", "pour", "pour_many"]
 
 
 def check(experiment: Experiment) -> None:
@@ -30,105 +32,88 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     `[ca_model]` table and :class:`NotApplicableError` for what its rule does not know.
     """
     lattice = lattice_of(experiment)
-    generator = np.random.Generator(np.random.PCG64(experiment.pour.seed))
-    species = experiment.mixture.species
-    arrivals = Arrivals(lattice.arrivals, generator, np.zeros(species, dtype=np.int64))
-    pile = _still(lattice, species)
+    deposit = Deposit()
+    pile = Pile(lattice.rule, lattice.ground, deposit.lay)
     steps = record_steps(experiment.pour, lattice.step)
-    recorder = Recorder(len(steps), len(lattice.base), species)
-    poured = np.zeros(species, dtype=np.int64)
-    done = 0
+    recorder = Recorder(len(steps), lattice.columns, experiment.mixture.species)
+    feeding = Feeding(experiment, lattice)
     for record, step in enumerate(steps):
-        for edges in edges_of_steps(done, step, lattice.step):
-            grains = arrivals.take(experiment.feed.mean_thickness(edges) / lattice.grain_thickness)
-            pile = _advance_all(pile, lattice, grains)
-            poured += grains.sum(axis=0)
-        done = step
-        _record(recorder, record, lattice, pile, step, poured)
+        for arrivals, source in feeding.until(step):
+            pile.advance(arrivals, source)
+        _record(recorder, record, lattice, pile, feeding)
         if progress is not None:
             progress((record + 1) / len(steps))
-    z, deposit_fraction = _deposit_fraction(pile, lattice)
+    pile.flush()
+    cells = max(2, int(pile.height.max()))
     arrays = recorder.arrays | {
         "x": lattice.x,
-        "z": z,
-        "base_height": lattice.base * lattice.unit,
-        "deposit_fraction": deposit_fraction,
+        "z": (np.arange(cells) + 0.5) * lattice.unit,
+        "base_height": lattice.ground.height * lattice.unit,
+        "deposit_fraction": section(
+            deposit, lattice.rule, lattice.ground, (cells, lattice.columns), units=1, wide=1
+        ),
     }
-    return assemble(experiment, "ca_model", arrays, _notes(lattice, pile))
+    return assemble(experiment, "ca_model", arrays, notes(experiment.mixture, lattice, pile))
 
 
-def _still(lattice: Lattice, species: int) -> Pile:
-    """The surface before pouring: nothing rolls, no grain is at rest."""
-    columns = len(lattice.base)
-    return Pile(
-        height=lattice.base.copy(),
-        rolling=np.zeros((columns, species), dtype=np.int64),
-        stack=np.zeros((columns, FIRST_PLACES), dtype=np.int8),
-        grains=np.zeros(columns, dtype=np.int64),
-        base_species=lattice.base_species,
-    )
+class Feeding:
+    """The feed of a pour in grains, and what has been `poured` (species,) of it so far."""
 
+    def __init__(self, experiment: Experiment, lattice: Lattice) -> None:
+        self.feed = experiment.feed
+        self.lattice = lattice
+        self.steps = 0
+        self.poured = np.zeros(experiment.mixture.species, dtype=np.int64)
+        largest = self.feed.largest_inflow / lattice.grain_thickness
+        self.arrivals = [
+            Arrivals.start(
+                lattice.arrivals,
+                largest,
+                seed=experiment.pour.seed,
+                pile=experiment.pour.pile,
+                side=side,
+            )
+            for side in range(lattice.ground.sides)
+        ]
 
-def _advance_all(pile: Pile, lattice: Lattice, grains: Ints) -> Pile:
-    """Take all steps of `grains` (step, species), adding places to the stacks as they fill."""
-    while True:
-        grains = grains[advance(pile, lattice.rule, grains) :]
-        if not len(grains):
-            return pile
-        pile = pile._replace(stack=np.concatenate([pile.stack, np.zeros_like(pile.stack)], axis=1))
+    def until(self, step: int) -> Iterator[tuple[Ints, Ints]]:
+        """Grains (step, side, species) of the steps up to `step`, and their source (step,)."""
+        for edges in edges_of_steps(self.steps, step, self.lattice.step):
+            rates = self.feed.mean_thickness(edges) / self.lattice.grain_thickness
+            grains = np.stack([side.take(rates) for side in self.arrivals], axis=1)
+            self.poured += grains.sum(axis=(0, 1))
+            yield grains, self._source(edges)
+        self.steps = step
+
+    def _source(self, edges: Floats) -> Ints:
+        """The column that begins where the feed falls, in the middle of each step."""
+        if self.feed.source is None:
+            return np.repeat(self.lattice.column_after(np.zeros(1)), len(edges) - 1)
+        return self.lattice.column_after(self.feed.source.position((edges[:-1] + edges[1:]) / 2))
 
 
 def _record(
-    recorder: Recorder,
-    record: int,
-    lattice: Lattice,
-    pile: Pile,
-    step: int,
-    poured: Ints,
+    recorder: Recorder, record: int, lattice: Lattice, pile: Pile, feeding: Feeding
 ) -> None:
-    topmost = pile.stack[np.arange(len(pile.grains)), pile.grains - 1]
-    tops = np.where(pile.grains > 0, topmost, pile.base_species)
+    rolling = pile.rolling
     recorder.keep(
         record,
-        time=step * lattice.step,
+        time=feeding.steps * lattice.step,
         height=pile.height * lattice.unit,
-        rolling_thickness=pile.rolling * lattice.grain_thickness,
-        surface_fraction=np.eye(len(poured))[tops],
-        poured_volume=poured * lattice.grain_volume,
-        rolling_volume=pile.rolling.sum(axis=0) * lattice.grain_volume,
-        deposited_volume=grains_at_rest(pile) * lattice.grain_volume,
-        outflow_volume=np.zeros(len(poured)),
+        rolling_thickness=rolling * lattice.grain_thickness,
+        surface_fraction=np.eye(rolling.shape[1])[pile.surface],
+        poured_volume=feeding.poured * lattice.grain_volume,
+        rolling_volume=rolling.sum(axis=0) * lattice.grain_volume,
+        deposited_volume=pile.grains_at_rest * lattice.grain_volume,
+        outflow_volume=pile.outflow * lattice.grain_volume,
     )
 
 
-def _deposit_fraction(pile: Pile, lattice: Lattice) -> tuple[Floats, Floats]:
-    """Composition of what was poured, (z, x, species), one cell for each unit of height."""
-    columns, species = pile.rolling.shape
-    fraction = np.full((max(2, int(pile.height.max())), columns, species), np.nan)
-    one_of = np.eye(species)
-    for i in range(columns):
-        grains = pile.stack[i, : pile.grains[i]]
-        laid = np.repeat(one_of[grains], lattice.rule.grain_height[grains], axis=0)
-        fraction[lattice.base[i] : pile.height[i], i] = laid
-    return (np.arange(len(fraction)) + 0.5) * lattice.unit, fraction
+def pour_many(experiments: Sequence[Experiment], threads: int | None = None) -> list[xr.Dataset]:
+    """Pour several set-ups on as many `threads` as given, by default one a core.
 
-
-def _notes(lattice: Lattice, pile: Pile) -> dict[str, object]:
-    """What the lattice made of the set-up, in lattice units and in cm."""
-    rule, unit = lattice.rule, lattice.unit
-    notes: dict[str, object] = {
-        "unit_cm": unit,
-        "column_width_cm": lattice.column_width,
-        "time_step_s": lattice.step,
-        "grain_height": rule.grain_height,
-        "effective_threshold": rule.threshold.ravel(),
-        "effective_repose_slope": rule.threshold.ravel() * unit / lattice.column_width,
-        "grains_per_step": lattice.grains_per_step,
-    }
-    outgrowth = int(pile.height[-1] - pile.height[-2])
-    if outgrowth > rule.threshold.max():
-        notes["comment"] = (
-            f"the wall column outgrew the pile by {outgrowth * unit:.3g} cm: the feed exceeds what "
-            f"the surface can capture with ca_model.contacts = {rule.contacts}"
-        )
-    return notes
+    The archives come in the order of the set-ups, and are what each pour alone gives. Raises what
+    :func:`pour` raises.
+    """
+    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+        return list(pool.map(pour, experiments))

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from compare.kymograph import fronts, kinks
-from compare.quantities import coarseness, settled_since, total_inflow
+from compare.quantities import coarseness, settled_since, why_not_measured
 from experiment.arrays import Floats
 from experiment.errors import ArchiveError
 from experiment.files import whole_file
@@ -53,7 +53,7 @@ def draw_deposit(axes: "Axes", archive: xr.Dataset) -> None:
     coarse = coarseness(archive["deposit_fraction"], archive).values
     top = float(archive["height"].isel(time=-1).max())
     image = axes.imshow(coarse, extent=(*_edges(x), *_edges(z)), vmin=0, vmax=1, rasterized=True)
-    if total_inflow(archive) > 0:
+    if why_not_measured(archive) is None:
         axes.fill_between(x, archive["base_height"].values, color="0.85", linewidth=0)
     else:
         axes.set_aspect("equal")
@@ -76,7 +76,7 @@ def draw_kymograph(axes: "Axes", archive: xr.Dataset) -> None:
         vmax=PALE * float(np.quantile(thickness, 0.995)),
         rasterized=True,
     )
-    if total_inflow(archive) > 0:
+    if why_not_measured(archive) is None:
         _draw_lines(axes, archive)
     axes.set(
         xlabel="x (cm)",

@@ -20,6 +20,7 @@ from compare.quantities import (
     settled_thickness,
     total_inflow,
     velocity,
+    why_not_measured,
 )
 from compare.regimes import regime, segregation
 from experiment import ArchiveError
@@ -33,10 +34,11 @@ def measure(archive: xr.Dataset) -> xr.Dataset:
 
     Velocities are magnitudes: kinks go uphill, fronts downhill. Numbers that need layers are NaN
     where the regime is not `stratified`, those that need lines where there are none. Raises
-    :class:`ArchiveError` for a drum.
+    :class:`ArchiveError` for a drum, and where the source moves.
     """
-    if total_inflow(archive) == 0:
-        raise ArchiveError("nothing is poured into a drum: kinks and layers are those of a pour")
+    reason = why_not_measured(archive)
+    if reason is not None:
+        raise ArchiveError(reason)
     found = layers(archive)
     apart = segregation(archive)
     strength = float(found["layering"])

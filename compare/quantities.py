@@ -4,6 +4,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from experiment.archive import experiment_of
+
 __all__ = [
     "cell_height",
     "cell_length",
@@ -16,6 +18,7 @@ __all__ = [
     "settled_thickness",
     "total_inflow",
     "velocity",
+    "why_not_measured",
 ]
 
 TRANSIENT_SHARE = 1 / 3
@@ -52,6 +55,16 @@ def cell_height(archive: xr.Dataset) -> float:
     """Height [cm] of the evenly spaced cells of the deposit."""
     z = archive["z"].values
     return float(z[1] - z[0])
+
+
+def why_not_measured(archive: xr.Dataset) -> str | None:
+    """Why a pour has no kinks and layers of one flow down one slope; None if it has."""
+    experiment = experiment_of(archive)
+    if experiment.cell.shape == "drum":
+        return "nothing is poured into a drum: kinks and layers are those of a pour"
+    if experiment.feed.source is not None:
+        return "its source moves: kinks and layers are those of a source at rest"
+    return None
 
 
 def rise_velocity(archive: xr.Dataset) -> float:

@@ -14,7 +14,7 @@ from continuum.section import section_of_drum, section_of_pile
 from continuum.slopes import Slope, across, lent_to_the_flow, slopes_of
 from continuum.state import SCHEMES, Grid
 from continuum.transport import dispersion_substeps
-from experiment import Experiment, SetupError
+from experiment import Experiment, NotApplicableError, SetupError
 from experiment.archive import assemble
 from experiment.arrays import Floats
 from experiment.fields import Part
@@ -53,6 +53,8 @@ def check(experiment: Experiment) -> None:
     resolution = Resolution.parse(experiment.continuum, "continuum")
     grid = resolution.grid(experiment)
     law = law_of(experiment.mixture)
+    if experiment.feed.source is not None:
+        raise NotApplicableError("feed.source: the continuum's feed falls at x = 0")
     record_steps(experiment.pour, grid.dt)
     if experiment.cell.shape == "drum" and resolution.cells % 2:
         raise SetupError(
@@ -109,7 +111,8 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     """Pour `experiment` by the equations of surface flow; the archive as a Dataset, in cm and s.
 
     `progress` is called with the share that is done. Raises :class:`SetupError` for a wrong
-    `[continuum]` table and :class:`NotApplicableError` where the mixture has no collision rates.
+    `[continuum]` table and :class:`NotApplicableError` where the mixture has no collision rates,
+    or the source moves.
     """
     check(experiment)
     law = law_of(experiment.mixture)

@@ -13,6 +13,7 @@ from experiment.feed import Feed
 from experiment.mixture import Mixture, two_species_slopes
 from experiment.presets import load, preset_names, preset_text
 from experiment.schedule import Constant, Pulses, Sine, Table
+from experiment.source import Source
 
 __all__ = [
     "ArchiveError",
@@ -28,6 +29,7 @@ __all__ = [
     "Pulses",
     "SetupError",
     "Sine",
+    "Source",
     "StratifyError",
     "Table",
     "load",

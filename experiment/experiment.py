@@ -29,11 +29,15 @@ __all__ = ["Experiment", "Pour", "Published", "parse_toml", "set_values"]
 
 
 class Pour(Part):
-    """How long the feed runs, how many records are kept, and the seed of what is random."""
+    """How long the feed runs, how many records are kept, and the seed of what is random.
+
+    Pours of one seed are piles of one ensemble: each `pile` has random numbers of its own.
+    """
 
     duration: Positive  # s
     records: Annotated[int, Field(strict=True, ge=1, le=1_000_000)] = 600  # intervals between
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = 0
+    pile: Annotated[int, Field(strict=True, ge=0, lt=2**62)] = 0
 
 
 class Published(Part):
@@ -111,6 +115,20 @@ class Experiment(Part):
         if not drum and not inflow.any():
             raise ValueError(
                 f"feed.inflow = {inflow.tolist()}: at least one should be greater than 0"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _check_source(self) -> Self:
+        source, cell = self.feed.source, self.cell
+        if source is None:
+            return self
+        if cell.shape != "heap":
+            raise ValueError(f"feed.source: only over a heap it moves, not over a {cell.shape}")
+        if max(map(abs, source.x)) > cell.length:
+            raise ValueError(
+                f"feed.source.x = {list(source.x)}: it should be from {cell.left:g} to "
+                f"{cell.right:g}, above the cell"
             )
         return self
 

@@ -1,4 +1,4 @@
-"""What is poured at x = 0, as the rolling thickness of each species there, and how that varies."""
+"""What is poured, as the rolling thickness of each species at the source, and how that varies."""
 
 from typing import Any, Self
 
@@ -8,6 +8,7 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, mod
 from experiment.arrays import Floats
 from experiment.fields import NonNegative, Part
 from experiment.schedule import Constant, Schedule, Table
+from experiment.source import Source
 
 __all__ = ["Feed"]
 
@@ -24,6 +25,7 @@ class Feed(Part):
     """
 
     schedule: Schedule = Constant()
+    source: Source | None = None  # where it falls; default: at x = 0
     inflow: tuple[NonNegative, ...] = Field(default_factory=_average_of_table, min_length=1)  # cm
 
     def thickness(self, times: Floats) -> Floats:

@@ -129,9 +129,7 @@ def test_a_cell_that_makes_no_sense_is_refused_by_name(settings: list[str], name
 @pytest.mark.parametrize(
     ("settings", "named"),
     [
-        (HEAP, "cell.shape = 'heap': the lattice pours silos only"),
-        (DRUM, "cell.shape = 'drum': the lattice pours silos only"),
-        (("cell.end=open",), "cell.end = 'open': the lattice has a wall at its end"),
+        (DRUM, "cell.shape = 'drum': the lattice pours silos and heaps"),
         (("mixture.dispersion=0.5",), "mixture.dispersion = 0.5: lattice grains roll without"),
     ],
 )

@@ -1,5 +1,7 @@
 """The lattice: the kernel lays the reference's grains, conserves them, and maps to cm and s."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,107 +9,151 @@ from hypothesis import strategies as st
 
 import ca_model
 from ca_model.arrivals import Arrivals
-from ca_model.kernel import Pile, advance, grains_at_rest
-from ca_model.lattice import MANY, Rule, lattice_of
+from ca_model.deposit import Deposit
+from ca_model.lattice import MANY, Ground, Rule, lattice_of
+from ca_model.pile import Pile
 from ca_model.reference import ReferencePile
 from experiment import NotApplicableError, SetupError, load
 from experiment.recorder import edges_of_steps
 
+SILO, HEAP = 1, 2
+
+
+class Setup(NamedTuple):
+    """What is poured in units of the lattice."""
+
+    rule: Rule
+    ground: Ground
+    arrivals: np.ndarray  # (step, side, species)
+    source: np.ndarray  # (step,)
+
 
 @st.composite
-def set_ups(draw: st.DrawFn) -> tuple[Rule, np.ndarray, int, np.ndarray]:
-    """A rule, base heights, base species and arrivals: any number of species, every option."""
-    species = draw(st.integers(1, 4))
+def rules(draw: st.DrawFn) -> Rule:
+    """Any number of species, in any order of size, every option."""
+    species = draw(st.integers(1, 3))
     heights = draw(st.lists(st.integers(1, 4), min_size=species, max_size=species))
     rows = st.lists(st.integers(0, 12), min_size=species, max_size=species)
-    rule = Rule(
+    return Rule(
         grain_height=np.array(heights),
         threshold=np.array(draw(st.lists(rows, min_size=species, max_size=species))),
-        smallest_first=np.argsort(heights, kind="stable"),
+        smallest_first=np.array(draw(st.permutations(range(species)))),
         contacts=draw(st.sampled_from([1, 2, 5, MANY])),
         percolation=draw(st.booleans()),
     )
-    columns = draw(st.integers(2, 12))
-    slope = draw(st.integers(0, 6))
-    base = slope * np.arange(columns - 1, -1, -1)
-    seed = draw(st.integers(0, 2**32))
-    most = draw(st.integers(1, 5))
-    arrivals = np.random.default_rng(seed).integers(0, most + 1, (60, species))
-    return rule, base, draw(st.integers(0, species - 1)), arrivals
 
 
-def still(base: np.ndarray, base_species: int, species: int, places: int) -> Pile:
-    return Pile(
-        height=base.astype(np.int64),
-        rolling=np.zeros((len(base), species), dtype=np.int64),
-        stack=np.zeros((len(base), places), dtype=np.int8),
-        grains=np.zeros(len(base), dtype=np.int64),
-        base_species=base_species,
+@st.composite
+def set_ups(draw: st.DrawFn) -> Setup:
+    """Silos and heaps, walls and lips, rugged ground, fits of feed, sources that leap."""
+    rule = draw(rules())
+    species = len(rule.grain_height)
+    random = np.random.default_rng(draw(st.integers(0, 2**32)))
+    columns = draw(st.integers(2, 9) | st.integers(60, 70))
+    sides, steps = draw(st.sampled_from([SILO, HEAP])), draw(st.integers(1, 25))
+    straight = draw(st.integers(0, 6)) * np.arange(columns - 1, -1, -1)
+    rugged = random.integers(0, 20, columns)
+    ground = Ground(
+        height=rugged if draw(st.booleans()) else straight,
+        species=draw(st.integers(0, species - 1)),
+        lips=draw(st.none() | st.tuples(st.integers(-3, 9), st.integers(-3, 9))),
+        sides=sides,
     )
+    arrivals = random.integers(0, draw(st.integers(1, 5)) + 1, (steps, sides, species))
+    leaps = random.integers(0, columns + 1, steps)
+    rests = np.full(steps, leaps[0])
+    still = np.zeros(steps, dtype=np.int64) if sides == SILO else rests
+    return Setup(rule, ground, arrivals, leaps if draw(st.booleans()) and sides == HEAP else still)
 
 
-@settings(max_examples=400, deadline=None)
+def poured(setup: Setup, log: int = 50) -> tuple[Pile, list[list[int]]]:
+    """The pile that the kernel makes, and its stacks."""
+    deposit = Deposit()
+    pile = Pile(setup.rule, setup.ground, deposit.lay, log)
+    pile.advance(setup.arrivals, setup.source)
+    pile.flush()
+    return pile, [deposit.stack(i).tolist() for i in range(len(setup.ground.height))]
+
+
+def poured_by_reference(setup: Setup) -> ReferencePile:
+    pile = ReferencePile(setup.rule, setup.ground)
+    for arrivals, source in zip(setup.arrivals, setup.source, strict=True):
+        pile.step(arrivals, int(source))
+    return pile
+
+
+@settings(max_examples=10_000, deadline=None)
 @given(set_ups())
-def test_kernel_and_reference_lay_the_same_grains(set_up) -> None:
-    rule, base, base_species, arrivals = set_up
-    pile = still(base, base_species, len(rule.grain_height), places=int(arrivals.sum()) + 1)
-    reference = ReferencePile(rule, base, base_species)
-    for grains in arrivals:
-        reference.step(grains)
-    assert advance(pile, rule, arrivals) == len(arrivals)
-    stacks = [list(pile.stack[i, : pile.grains[i]]) for i in range(len(base))]
+def test_kernel_and_reference_lay_the_same_grains(setup: Setup) -> None:
+    """Grain by grain: stacks, heights, what rolls, and what fell off."""
+    reference = poured_by_reference(setup)
+    pile, stacks = poured(setup)
     assert stacks == reference.stacks
     assert pile.height.tolist() == reference.heights
-    assert pile.rolling.tolist() == reference.rolling
+    assert pile.rolling.tolist() == np.sum(reference.rolling, axis=0).tolist()
+    assert pile.outflow.tolist() == reference.outflow
+
+
+@settings(max_examples=200, deadline=None)
+@given(set_ups())
+def test_every_step_conserves_each_species_exactly(setup: Setup) -> None:
+    deposit = Deposit()
+    pile = Pile(setup.rule, setup.ground, deposit.lay, log=50)
+    fed = np.zeros(len(setup.rule.grain_height), dtype=np.int64)
+    for k in range(len(setup.arrivals)):
+        pile.advance(setup.arrivals[k : k + 1], setup.source[k : k + 1])
+        fed += setup.arrivals[k].sum(axis=0)
+        assert (pile.grains_at_rest + pile.rolling.sum(axis=0) + pile.outflow == fed).all()
+        grown = (pile.height - setup.ground.height).sum()
+        assert grown == pile.grains_at_rest @ setup.rule.grain_height
+    pile.flush()
+    counted = sum(np.bincount(slab.grains, minlength=len(fed)) for slab in deposit)
+    assert (counted == pile.grains_at_rest).all()
 
 
 @settings(max_examples=50, deadline=None)
-@given(set_ups())
-def test_every_step_conserves_each_species_exactly(set_up) -> None:
-    rule, base, base_species, arrivals = set_up
-    pile = still(base, base_species, len(rule.grain_height), places=int(arrivals.sum()) + 1)
-    fed = np.zeros(len(rule.grain_height), dtype=np.int64)
-    for k in range(len(arrivals)):
-        advance(pile, rule, arrivals[k : k + 1])
-        fed += arrivals[k]
-        assert (grains_at_rest(pile) + pile.rolling.sum(axis=0) == fed).all()
-        assert (pile.height - base).sum() == grains_at_rest(pile) @ rule.grain_height
+@given(set_ups(), st.integers(1, 40), st.integers(0, 25))
+def test_neither_the_size_of_the_log_nor_of_the_calls_changes_a_grain(setup, log, cut) -> None:
+    deposit = Deposit()
+    pile = Pile(setup.rule, setup.ground, deposit.lay, log)
+    pile.advance(setup.arrivals[:cut], setup.source[:cut])
+    pile.advance(setup.arrivals[cut:], setup.source[cut:])
+    pile.flush()
+    stacks = [deposit.stack(i).tolist() for i in range(len(setup.ground.height))]
+    assert stacks == poured(setup, log=10_000)[1]
 
 
-def test_a_full_stack_stops_the_kernel_before_the_step_that_would_overflow() -> None:
-    rule = Rule(np.array([1]), np.array([[3]]), np.array([0]), 1, True)
-    pile = still(np.zeros(4, dtype=np.int64), 0, 1, places=5)
-    arrivals = np.full((100, 1), 2)
-    done = advance(pile, rule, arrivals)
-    assert 0 < done < 100
-    before = pile.grains.copy()
-    assert advance(pile, rule, arrivals[done:]) == 0
-    assert (pile.grains == before).all()
-    assert pile.grains.max() <= 5
+def one_step(rule: Rule, heights: list[int], grains: list[int], ground_species: int = 0):
+    """A silo of these heights, one step after these grains arrived."""
+    ground = Ground(np.array(heights), ground_species)
+    return poured(Setup(rule, ground, np.array([[grains]]), np.zeros(1, dtype=np.int64)))
 
 
 @pytest.mark.parametrize(("threshold", "captured"), [(2, False), (3, True)])
 def test_a_grain_is_captured_only_below_its_threshold(threshold: int, captured: bool) -> None:
     rule = Rule(np.array([1, 1]), np.array([[9, 9], [threshold, 9]]), np.array([0, 1]), 1, True)
-    pile = still(np.array([4, 2, 0]), 0, 2, places=9)
-    advance(pile, rule, np.array([[0, 1]]))
-    assert pile.grains[0] == captured
+    pile, stacks = one_step(rule, [4, 2, 0], [0, 1])
+    assert stacks[0] == ([1] if captured else [])
     assert pile.rolling[0, 1] == (not captured)
 
 
 @pytest.mark.parametrize("percolation", [True, False])
 def test_percolation_lets_only_the_smallest_species_touch(percolation: bool) -> None:
     rule = Rule(np.array([1, 2]), np.array([[0, 0], [9, 9]]), np.array([0, 1]), 1, percolation)
-    pile = still(np.array([4, 2, 0]), 0, 2, places=9)
-    advance(pile, rule, np.array([[1, 1]]))
+    pile, _ = one_step(rule, [4, 2, 0], [1, 1])
     assert pile.rolling[0].tolist() == ([1, 1] if percolation else [1, 0])
 
 
 def test_a_column_sees_its_own_captures_but_not_its_neighbours() -> None:
     rule = Rule(np.array([1]), np.array([[2]]), np.array([0]), MANY, True)
-    pile = still(np.array([0, 0, 0]), 0, 1, places=30)
-    advance(pile, rule, np.array([[5]]))
-    assert pile.grains.tolist() == [2, 0, 0], "slopes 0 and 1 capture, slope 2 does not"
+    _, stacks = one_step(rule, [0, 0, 0], [5])
+    assert list(map(len, stacks)) == [2, 0, 0], "slopes 0 and 1 capture, slope 2 does not"
+
+
+def test_slopes_far_beyond_a_small_integer_are_slopes() -> None:
+    rule = Rule(np.array([1]), np.array([[10**6]]), np.array([0]), MANY, True)
+    _, stacks = one_step(rule, [10**6 - 3, 0, 0], [9])
+    assert list(map(len, stacks)) == [3, 0, 0]
 
 
 def test_the_presets_have_the_designs_lattice_numbers() -> None:
@@ -115,7 +161,7 @@ def test_the_presets_have_the_designs_lattice_numbers() -> None:
     assert lattice.rule.grain_height.tolist() == [1, 2]
     assert lattice.rule.threshold.tolist() == [[4, 8], [1, 5]]
     assert lattice.grains_per_step == pytest.approx([2, 1])
-    assert len(lattice.base) == 200
+    assert lattice.columns == 200
     segregating = lattice_of(load("lattice-segregation")).rule
     assert segregating.threshold.tolist() == [[5, 7], [2, 4]]
 
@@ -165,42 +211,78 @@ def test_species_of_different_speed_do_not_apply() -> None:
 
 
 def test_a_fixed_feed_keeps_up_with_any_rate_however_it_is_asked() -> None:
-    rates = np.tile([7.5, 1.0 / 3.0], (3000, 1))
-    slow, poured = Arrivals("fixed", np.random.default_rng(0), np.zeros(1, dtype=np.int64)), 0
+    slow, fed = Arrivals.start("fixed", np.array([0.3])), 0
     for edges in edges_of_steps(0, 10**7, 1.0):
-        poured += int(slow.take(np.full((len(edges) - 1, 1), 0.3)).sum())
-    assert poured == 3_000_000
-    many = Arrivals("fixed", np.random.default_rng(0), np.zeros(1, dtype=np.int64))
+        fed += int(slow.take(np.full((len(edges) - 1, 1), 0.3)).sum())
+    assert fed == 3_000_000
+    many = Arrivals.start("fixed", np.array([150.0]))
     assert (many.take(np.full((65_536, 1), 150.0)) == 150).all()
-    whole = Arrivals("fixed", np.random.default_rng(0), np.zeros(2, dtype=np.int64)).take(rates)
-    split = Arrivals("fixed", np.random.default_rng(0), np.zeros(2, dtype=np.int64))
-    assert (np.concatenate([split.take(rates[:7]), split.take(rates[7:])]) == whole).all()
+    rates = np.tile([7.5, 1.0 / 3.0], (3000, 1))
+    whole = Arrivals.start("fixed", rates[0]).take(rates)
     assert (np.abs(whole.cumsum(axis=0) - rates.cumsum(axis=0)) <= 1).all()
     assert whole[:, 0].min() == 7
     assert whole[:, 0].max() == 8
 
 
+@pytest.mark.parametrize("kind", ["fixed", "poisson", "drawn"])
+def test_arrivals_do_not_depend_on_how_many_are_taken_at_once(kind) -> None:
+    rates = 3.0 + np.sin(np.arange(400.0))[:, None] * [2.0, -1.0, 40.0] + [0.0, 0.0, 40.0]
+    whole = Arrivals.start(kind, rates.max(axis=0)).take(rates)
+    split = Arrivals.start(kind, rates.max(axis=0))
+    parts = [split.take(part) for part in np.split(rates, [1, 7, 200])]
+    assert (np.concatenate(parts) == whole).all()
+
+
 @pytest.mark.parametrize("kind", ["poisson", "drawn"])
-def test_random_feeds_have_the_right_mean_and_repeat_with_their_seed(kind) -> None:
-    rates = np.tile([2.0, 1.0], (4000, 1))
-    grains = Arrivals(kind, np.random.default_rng(5), np.zeros(2, dtype=np.int64)).take(rates)
-    again = Arrivals(kind, np.random.default_rng(5), np.zeros(2, dtype=np.int64)).take(rates)
-    other = Arrivals(kind, np.random.default_rng(6), np.zeros(2, dtype=np.int64)).take(rates)
-    assert (grains == again).all()
-    assert (grains != other).any()
-    np.testing.assert_allclose(grains.mean(axis=0), [2.0, 1.0], rtol=0.1)
+def test_random_feeds_have_their_distributions_moments(kind) -> None:
+    """Means r_a; variances r_a of Poisson variates, n p (1 - p) of drawn ones."""
+    rate = np.array([2.0, 0.5, 37.5])
+    steps = 40_000
+    grains = Arrivals.start(kind, rate, seed=5).take(np.tile(rate, (steps, 1)))
+    variance = rate if kind == "poisson" else rate * (1 - rate / rate.sum())
+    error = np.sqrt(variance / steps)
+    assert (np.abs(grains.mean(axis=0) - rate) < 4 * error).all()
+    np.testing.assert_allclose(grains.var(axis=0), variance, rtol=0.05)
     if kind == "drawn":
-        assert (grains.sum(axis=1) == 3).all()
+        assert (grains.sum(axis=1) == 40).all()
 
 
-def test_the_seed_of_the_set_up_decides_a_random_pour() -> None:
+def test_a_species_that_is_not_fed_never_arrives() -> None:
+    rates = np.tile([0.0, 3.0, 0.0], (1000, 1))
+    for kind in ("fixed", "poisson", "drawn"):
+        grains = Arrivals.start(kind, rates[0]).take(rates)
+        assert (grains[:, [0, 2]] == 0).all()
+        assert grains[:, 1].sum() > 2500
+
+
+def test_the_stream_is_philox_and_its_use_is_what_the_page_says() -> None:
+    """Words of the generator's published key and counter; of each, the upper 53 bits."""
+    words = np.random.Philox(key=np.array([7, 6], dtype=np.uint64)).random_raw(500)
+    fraction = (words >> np.uint64(11)) * 2.0**-53
+    drawn = Arrivals.start("drawn", np.array([1.0, 1.0]), seed=7, pile=3).take(np.ones((250, 2)))
+    assert (drawn[:, 0] == (fraction < 0.5).reshape(250, 2).sum(axis=1)).all()
+    left = Arrivals.start("drawn", np.array([1.0, 1.0]), seed=7, pile=3, side=1)
+    assert (left.take(np.ones((250, 2))) != drawn).any()
+
+
+def test_the_seed_and_the_pile_of_a_set_up_decide_a_random_pour() -> None:
     common = ["ca_model.arrivals='poisson'", "pour.duration=300.0"]
-    pours = [
-        ca_model.pour(load("lattice-stratification", [*common, f"pour.seed={seed}"]))["height"]
-        for seed in (1, 1, 2)
-    ]
-    assert pours[0].identical(pours[1])
-    assert not pours[0].identical(pours[2])
+    first, again, other_seed, other_pile = (
+        ca_model.pour(load("lattice-stratification", [*common, *more]))["height"]
+        for more in ([], [], ["pour.seed=2"], ["pour.pile=2"])
+    )
+    assert first.identical(again)
+    assert not first.identical(other_seed)
+    assert not first.identical(other_pile)
+
+
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_a_pile_of_an_ensemble_is_that_pile_alone_on_any_number_of_threads(threads: int) -> None:
+    common = ["ca_model.arrivals='drawn'", "pour.duration=500.0", "pour.records=5"]
+    set_ups = [load("lattice-stratification", [*common, f"pour.pile={k}"]) for k in range(6)]
+    together = ca_model.pour_many(set_ups, threads=threads)
+    for set_up, archive in zip(set_ups, together, strict=True):
+        assert archive.drop_attrs().identical(ca_model.pour(set_up).drop_attrs())
 
 
 def test_a_feed_that_outgrows_the_surface_is_reported() -> None:
@@ -208,3 +290,14 @@ def test_a_feed_that_outgrows_the_surface_is_reported() -> None:
     thin = ca_model.pour(load("makse-stratification"))
     assert "the wall column outgrew the pile" in thick.attrs["comment"]
     assert "comment" not in thin.attrs
+
+
+def test_slopes_that_the_lattice_cannot_tell_apart_are_named() -> None:
+    """Lattice slopes are whole numbers: what a repose slope does climbs a devil's staircase."""
+    few = ("pour.duration=10.0", "pour.records=1")
+    setting = "mixture.repose_slope=[[0.41, 0.8], [0.1, 0.5]]"
+    alike = ca_model.pour(load("lattice-stratification", [setting, *few]))
+    assert alike.attrs["comment"] == (
+        "theta_11 = 0.41, theta_22 = 0.5 act alike: on the lattice each is a slope of 5"
+    )
+    assert "comment" not in ca_model.pour(load("lattice-stratification", few)).attrs

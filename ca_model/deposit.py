@@ -1,0 +1,98 @@
+"""The grains at rest, a byte each: stacks of columns, from the log of their capture.
+
+Every so often the log is sorted by columns into a slab: all that was captured meanwhile, column
+after column, in each from below. The stack of a column is its share of one slab upon the other.
+"""
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ca_model.lattice import Ground, Rule
+from experiment.arrays import Floats, Ints
+
+__all__ = ["Deposit", "Grains", "Slab", "section"]
+
+Grains = NDArray[np.uint8]
+
+
+class Slab(NamedTuple):
+    """What was captured in a part of the pour."""
+
+    ends: Ints  # (column + 1,) where each column's share begins and ends
+    grains: Grains  # (grain,) species
+
+    def share(self, i: int) -> Grains:
+        """The species of what column i captured, from below."""
+        return self.grains[self.ends[i] : self.ends[i + 1]]
+
+
+class Deposit:
+    """Slabs in memory."""
+
+    def __init__(self) -> None:
+        self.slabs: list[Slab] = []
+
+    def lay(self, slab: Slab) -> None:
+        """Put a slab on top."""
+        self.slabs.append(slab)
+
+    def __iter__(self) -> Iterator[Slab]:
+        """The slabs, lowest first."""
+        return iter(self.slabs)
+
+    def stack(self, i: int) -> Grains:
+        """The species of the grains of column i, lowest first."""
+        return np.concatenate([np.zeros(0, np.uint8), *(slab.share(i) for slab in self.slabs)])
+
+
+@njit(cache=True, nogil=True)
+def slab_of(log: NDArray[np.int32], columns: int, species: Ints) -> Slab:
+    """Sort a log (column * ranks + rank) by columns; `species` (rank,) are numbered as wished."""
+    ranks = species.size
+    ends = np.zeros(columns + 1, dtype=np.int64)
+    for entry in log:
+        ends[entry // ranks + 1] += 1
+    for i in range(columns):
+        ends[i + 1] += ends[i]
+    place = ends.copy()
+    grains = np.empty(log.size, dtype=np.uint8)
+    for entry in log:
+        i = entry // ranks
+        grains[place[i]] = species[entry - i * ranks]
+        place[i] += 1
+    return Slab(ends, grains)
+
+
+def section(
+    slabs: Iterable[Slab], rule: Rule, ground: Ground, shape: tuple[int, int], units: int, wide: int
+) -> Floats:
+    """Composition of what was poured, (z, x, species), on a grid of `shape` (z, x).
+
+    Its cells are `units` high and `wide` columns wide. NaN where nothing was poured.
+    """
+    volume = np.zeros((*shape, len(rule.grain_height)), dtype=np.int32)
+    height = ground.height.copy()
+    for slab in slabs:
+        _fill(volume, height, slab, rule.grain_height, units, wide)
+    fraction = np.full(volume.shape, np.nan, dtype=np.float32)
+    total = volume.sum(axis=2, keepdims=True)
+    np.divide(volume, total, out=fraction, where=total > 0, dtype=np.float32)
+    return fraction
+
+
+@njit(cache=True, nogil=True)
+def _fill(
+    volume: NDArray[np.int32], height: Ints, slab: Slab, grain_height: Ints, units: int, wide: int
+) -> None:
+    """Add a slab's grains to the cells they lie in, on columns of `height`, unit by unit."""
+    for i in range(height.size):
+        x = i // wide
+        for k in range(slab.ends[i], slab.ends[i + 1]):
+            a = slab.grains[k]
+            for z in range(height[i], height[i] + grain_height[a]):
+                volume[z // units, x, a] += 1
+            height[i] += grain_height[a]

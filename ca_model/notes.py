@@ -1,0 +1,57 @@
+"""What an archive says of the lattice: its numbers, and where they limit what the run can tell."""
+
+from collections.abc import Iterator
+from itertools import groupby
+
+import numpy as np
+
+from ca_model.lattice import Lattice
+from ca_model.pile import Pile
+from experiment import Mixture
+
+__all__ = ["notes"]
+
+
+def notes(mixture: Mixture, lattice: Lattice, pile: Pile) -> dict[str, object]:
+    """Attributes of the archive: what the lattice made of the set-up, in lattice units and in cm.
+
+    A `comment` says which repose slopes act alike, because they lie between the same integers, and
+    whether the feed exceeds what the surface can capture.
+    """
+    rule, unit = lattice.rule, lattice.unit
+    told: dict[str, object] = {
+        "unit_cm": unit,
+        "column_width_cm": lattice.column_width,
+        "time_step_s": lattice.step,
+        "grain_height": rule.grain_height,
+        "effective_threshold": rule.threshold.ravel(),
+        "effective_repose_slope": rule.threshold.ravel() * unit / lattice.column_width,
+        "grains_per_step": lattice.grains_per_step,
+    }
+    comments = [*_slopes_that_act_alike(mixture, lattice), *_walls_that_outgrew(lattice, pile)]
+    if comments:
+        told["comment"] = "; ".join(comments)
+    return told
+
+
+def _slopes_that_act_alike(mixture: Mixture, lattice: Lattice) -> Iterator[str]:
+    slope = np.array(mixture.repose_slope)
+    places = sorted(np.ndindex(slope.shape), key=lambda place: lattice.rule.threshold[place])
+    for threshold, alike in groupby(places, key=lambda place: lattice.rule.threshold[place]):
+        same = list(alike)
+        if np.ptp([slope[place] for place in same]) > 0:
+            names = ", ".join(f"theta_{a + 1}{b + 1} = {slope[a, b]:.4g}" for a, b in same)
+            yield f"{names} act alike: on the lattice each is a slope of {threshold}"
+
+
+def _walls_that_outgrew(lattice: Lattice, pile: Pile) -> Iterator[str]:
+    if lattice.ground.lips is not None:
+        return
+    height, rule = pile.height, lattice.rule
+    ends = [height[-1] - height[-2], height[0] - height[1]][: lattice.ground.sides]
+    outgrowth = int(max(ends))
+    if outgrowth > rule.threshold.max():
+        yield (
+            f"the wall column outgrew the pile by {outgrowth * lattice.unit:.3g} cm: the feed "
+            f"exceeds what the surface can capture with ca_model.contacts = {rule.contacts}"
+        )
