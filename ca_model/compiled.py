@@ -4,7 +4,8 @@ They allocate nothing, and go without numba's reference counts: with them a step
 as long, for a pile is many arrays.
 """
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
 
 from numba import njit
 
@@ -12,4 +13,9 @@ __all__ = ["UNCOUNTED", "inlined"]
 
 UNCOUNTED: dict[str, Any] = {"error_model": "numpy", "_nrt": False}
 
-inlined = njit(forceinline=True, **UNCOUNTED)
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def inlined(function: Function) -> Function:
+    """Compile a part of a kernel, to be put wherever it is called."""
+    return cast(Function, njit(forceinline=True, **UNCOUNTED)(function))

@@ -1,93 +1,223 @@
-"""A pile on the lattice, by species, over the kernel's arrays, which count by rank."""
+"""A pile on the lattice, by species, over the arrays of a kernel, which counts by rank."""
 
 from collections.abc import Callable
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ca_model.bits import Word, word_count
 from ca_model.deposit import Slab, slab_of
-from ca_model.kernel import FRAME, LOGGED, RankedRule, State, advance, mark_all
 from ca_model.lattice import Ground, Rule
+from ca_model.packets import Log, RankedRule, Slope, follow_packets, mark_all
+from ca_model.steps import Heap, take_steps
 from experiment.arrays import Ints
 
 __all__ = ["Pile"]
 
 LOG = 2**20  # grains
-WALL = 2**62  # the level beyond a wall: every slope towards it captures
+
+Ranks = NDArray[np.int8]
+
+
+class Body(Protocol):
+    """What a kernel keeps of a pile, by columns and ranks."""
+
+    @property
+    def height(self) -> Ints:
+        """Heights (column,) in u."""
+
+    @property
+    def top(self) -> Ranks:
+        """Rank (column,) of the topmost grain."""
+
+    @property
+    def rolling(self) -> Ints:
+        """Rolling grains (column, rank), of both sides."""
+
+    @property
+    def outflow(self) -> Ints:
+        """Grains (rank,) that fell off the ends."""
+
+    def advance(self, log: Log, arrivals: Ints, source: Ints) -> None:
+        """Take the steps of `arrivals` (step, side, rank); the log has room for them."""
 
 
 class Pile:
-    """The state of a pour. What comes to rest is handed on in slabs, to `lay`."""
+    """The state of a pour. What comes to rest is handed on in slabs, to `lay`.
+
+    The source stays above the edge before column `source`, or moves where that is None.
+    """
 
     def __init__(
-        self, rule: Rule, ground: Ground, lay: Callable[[Slab], object], log: int = LOG
+        self,
+        rule: Rule,
+        ground: Ground,
+        lay: Callable[[Slab], object],
+        *,
+        source: int | None = 0,
+        log: int = LOG,
     ) -> None:
         self._species = rule.smallest_first  # (rank,)
         self._lay = lay
         self._laid = np.zeros(len(self._species), dtype=np.int64)
-        self._rule = _ranked(rule)
-        self._state = _still(rule, ground, log)
-        mark_all(self._state, self._rule)
+        self._log = Log(np.empty(log, dtype=np.int32), np.zeros(1, dtype=np.uint64))
+        self._body: Body = (
+            BelowMovingSource(rule, ground) if source is None else BelowSource(rule, ground, source)
+        )
 
     def advance(self, arrivals: Ints, source: Ints) -> None:
         """Take a step for each row of `arrivals` (step, side, species).
 
         The grains of a step enter to the right and left of the edge before column `source` (step,).
         """
-        ranked = np.ascontiguousarray(arrivals[:, :, self._species])
-        columns = source.astype(np.uint64)
-        while len(ranked):
-            done = advance(self._state, self._rule, ranked, columns)
-            ranked, columns = ranked[done:], columns[done:]
-            if len(ranked):
+        ranked = arrivals[:, :, self._species]
+        arrived = np.cumsum(ranked.sum(axis=(1, 2)))
+        begin = 0
+        while begin < len(ranked):
+            before = int(arrived[begin - 1]) if begin else 0
+            room = len(self._log.grains) - len(self._entries) - int(self._body.rolling.sum())
+            end = int(np.searchsorted(arrived, before + room, side="right"))
+            if end > begin:
+                steps = slice(begin, end)
+                self._body.advance(self._log, ranked[steps], source[steps])
+                begin = end
+            elif len(self._entries):
                 self.flush()
-                if done == 0:
-                    log = np.empty(2 * len(self._state.log), dtype=np.int32)
-                    self._state = self._state._replace(log=log)
+            else:
+                self._log = self._log._replace(
+                    grains=np.empty(2 * len(self._log.grains), dtype=np.int32)
+                )
 
     def flush(self) -> None:
         """Hand on as a slab what came to rest since the last one."""
         self._laid = self.grains_at_rest
-        self._lay(slab_of(self._log, self._state.top.size, self._species))
-        self._state.counter[LOGGED] = 0
+        self._lay(slab_of(self._entries, len(self.height), self._species))
+        self._log.length[0] = 0
 
     @property
     def height(self) -> Ints:
         """Heights (column,) in u."""
-        return self._state.height[1:-1]
+        return self._body.height
 
     @property
     def surface(self) -> Ints:
         """Species (column,) of the topmost grains."""
-        return self._species[self._state.top]
+        return self._species[self._body.top]
 
     @property
     def rolling(self) -> Ints:
         """Rolling grains (column, species), of both sides."""
-        columns, ranks = self._state.top.size, len(self._species)
-        frame = int(self._state.counter[FRAME])
-        flows = self._state.rolling.reshape(-1, 2 * columns, ranks)[:, frame : frame + columns]
-        return self._by_species(sum((flow[::-1] for flow in flows[1:]), flows[0]))
+        return self._by_species(self._body.rolling)
 
     @property
     def outflow(self) -> Ints:
         """Grains (species,) that fell off the ends."""
-        return self._by_species(self._state.outflow)
+        return self._by_species(self._body.outflow)
 
     @property
     def grains_at_rest(self) -> Ints:
         """Grains (species,) in the stacks."""
         ranks = len(self._species)
-        return self._laid + self._by_species(np.bincount(self._log % ranks, minlength=ranks))
+        return self._laid + self._by_species(np.bincount(self._entries % ranks, minlength=ranks))
 
     @property
-    def _log(self) -> NDArray[np.int32]:
-        return self._state.log[: int(self._state.counter[LOGGED])]
+    def _entries(self) -> NDArray[np.int32]:
+        return self._log.grains[: int(self._log.length[0])]
 
     def _by_species(self, ranked: Ints) -> Ints:
         counts = np.empty_like(ranked)
         counts[..., self._species] = ranked
         return counts
+
+
+class BelowSource:
+    """Below a source at rest: a slope on its right, one on its left, or both; they do not meet."""
+
+    def __init__(self, rule: Rule, ground: Ground, source: int) -> None:
+        self._rule = _ranked(rule)
+        columns = np.arange(len(ground.height))
+        self._right = _slope(rule, self._rule, ground, columns[source:], 1)
+        self._left = _slope(rule, self._rule, ground, columns[:source][::-1], -1)
+
+    @property
+    def height(self) -> Ints:
+        """Heights (column,) in u."""
+        return self._across(lambda slope: slope.level + slope.slope[::-1].cumsum()[::-1])
+
+    @property
+    def top(self) -> Ranks:
+        """Rank (column,) of the topmost grain."""
+        return self._across(lambda slope: slope.top)
+
+    @property
+    def rolling(self) -> Ints:
+        """Rolling grains (column, rank)."""
+        return self._across(lambda slope: slope.rolling)
+
+    @property
+    def outflow(self) -> Ints:
+        """Grains (rank,) that fell off the ends."""
+        return self._right.outflow + self._left.outflow
+
+    def advance(self, log: Log, arrivals: Ints, source: Ints) -> None:  # noqa: ARG002
+        """Take the steps of `arrivals` (step, side, rank); the log has room for them."""
+        right, left = arrivals[:, 0], arrivals[:, 1:].sum(axis=1)
+        if not self._left.slope.size:
+            right = right + left
+        if not self._right.slope.size:
+            left = right + left
+        for slope, grains in ((self._right, right), (self._left, left)):
+            if slope.slope.size:
+                follow_packets(slope, self._rule, log, np.ascontiguousarray(grains))
+
+    def _across(self, values: Callable[[Slope], NDArray[Any]]) -> NDArray[Any]:
+        """Something of each place, in the order of columns."""
+        return np.concatenate([values(self._left)[::-1], values(self._right)])
+
+
+class BelowMovingSource:
+    """Below a source that moves: grains roll to both sides everywhere."""
+
+    def __init__(self, rule: Rule, ground: Ground) -> None:
+        self._rule = _ranked(rule)
+        columns, ranks = len(ground.height), len(self._rule.ranks)
+        lips = (0, 0) if ground.lips is None else ground.lips
+        self._heap = Heap(
+            wall=ground.lips is None,
+            height=np.concatenate([lips[:1], ground.height, lips[1:]]).astype(np.int64),
+            top=np.full(columns, _rank(rule, ground.species), dtype=np.int8),
+            rolling=np.zeros((2, 1 + columns + 1, ranks), dtype=np.int64),
+            outflow=np.zeros(ranks, dtype=np.int64),
+        )
+
+    @property
+    def height(self) -> Ints:
+        """Heights (column,) in u."""
+        return self._heap.height[1:-1]
+
+    @property
+    def top(self) -> Ranks:
+        """Rank (column,) of the topmost grain."""
+        return self._heap.top
+
+    @property
+    def rolling(self) -> Ints:
+        """Rolling grains (column, rank)."""
+        return np.asarray(self._heap.rolling[:, 1:-1].sum(axis=0))
+
+    @property
+    def outflow(self) -> Ints:
+        """Grains (rank,) that fell off the ends."""
+        return self._heap.outflow
+
+    def advance(self, log: Log, arrivals: Ints, source: Ints) -> None:
+        """Take the steps of `arrivals` (step, side, rank); the log has room for them."""
+        take_steps(self._heap, self._rule, log, np.ascontiguousarray(arrivals), source)
+
+
+def _rank(rule: Rule, species: int) -> int:
+    return int(np.flatnonzero(rule.smallest_first == species)[0])
 
 
 def _ranked(rule: Rule) -> RankedRule:
@@ -101,27 +231,24 @@ def _ranked(rule: Rule) -> RankedRule:
     )
 
 
-def _still(rule: Rule, ground: Ground, log: int) -> State:
-    """Nothing rolls, no grain is at rest."""
-    columns, ranks, sides = len(ground.height), len(rule.smallest_first), ground.sides
-    words, slot_words = -(-columns // 64), -(-2 * columns // 64) + 2
-    beyond = (WALL, WALL) if ground.lips is None else ground.lips
-    rank = int(np.flatnonzero(rule.smallest_first == ground.species)[0])
-
-    def empty(size: int) -> NDArray[np.uint64]:
-        return np.zeros((sides, size), dtype=np.uint64)
-
-    return State(
-        sides=tuple(range(sides)),
+def _slope(rule: Rule, ranked: RankedRule, ground: Ground, columns: Ints, downhill: int) -> Slope:
+    """The bare ground of `columns`, downhill from the source; nothing rolls, no grain rests."""
+    places, ranks = len(columns), len(ranked.ranks)
+    level = 0 if ground.lips is None else ground.lips[1 if downhill > 0 else 0]
+    words = word_count(places + 1)
+    slope = Slope(
+        first=Word(columns[0]) if places else Word(0),
+        downhill=Word(downhill % 2**64),
         wall=ground.lips is None,
-        height=np.concatenate([beyond[:1], ground.height, beyond[1:]]).astype(np.int64),
-        top=np.full(columns, rank, dtype=np.int8),
-        rolling=np.zeros((sides, 2 * columns * ranks), dtype=np.int64),
-        packets=empty(slot_words * ranks),
-        packet_words=empty(-(-slot_words // 64) + 2),
-        eligible=empty(words * ranks),
-        eligible_words=empty(-(-words // 64)),
+        level=level,
+        slope=-np.diff(ground.height[columns], append=level),
+        top=np.full(places, _rank(rule, ground.species), dtype=np.int8),
+        rolling=np.zeros((places, ranks), dtype=np.int64),
+        packet=np.zeros(ranks, dtype=np.int64),
         outflow=np.zeros(ranks, dtype=np.int64),
-        log=np.empty(log, dtype=np.int32),
-        counter=np.array([columns, 0, 0], dtype=np.uint64),
+        eligible=np.zeros(words * ranks, dtype=np.uint64),
+        eligible_words=np.zeros(word_count(words) * ranks, dtype=np.uint64),
     )
+    if places:
+        mark_all(slope, ranked)
+    return slope

@@ -33,7 +33,13 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     """
     lattice = lattice_of(experiment)
     deposit = Deposit()
-    pile = Pile(lattice.rule, lattice.ground, deposit.lay)
+    middle = int(lattice.column_after(np.zeros(1))[0])
+    pile = Pile(
+        lattice.rule,
+        lattice.ground,
+        deposit.lay,
+        source=middle if experiment.feed.source is None else None,
+    )
     steps = record_steps(experiment.pour, lattice.step)
     recorder = Recorder(len(steps), lattice.columns, experiment.mixture.species)
     feeding = Feeding(experiment, lattice)

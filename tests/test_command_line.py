@@ -68,12 +68,25 @@ def test_a_model_that_does_not_apply_says_so_and_the_other_pours(tmp_path: Path)
     assert not (tmp_path / "no").exists()
 
 
-def test_a_cell_with_an_open_end_is_poured_by_the_continuum_alone(tmp_path: Path) -> None:
-    options = [*SHORT, "--set=cell.end=open", "-o", "out"]
+@pytest.mark.parametrize(
+    ("settings", "refusal", "pours"),
+    [
+        (["mixture.dispersion=0.1"], "ca_model: does not apply: mixture.disp", "continuum.nc"),
+        (
+            ["cell.shape=heap", "feed.source={time=[0.0, 9.0], x=[0.0, 9.0]}"],
+            "continuum: does not apply: feed.source: the continuum's feed falls at x = 0",
+            "ca_model.nc",
+        ),
+    ],
+)
+def test_a_pour_that_one_model_does_not_know_is_poured_by_the_other(
+    tmp_path: Path, settings, refusal: str, pours: str
+) -> None:
+    options = [*SHORT, *(f"--set={setting}" for setting in settings), "-o", "out"]
     done = stratify("pour", "makse-stratification", *options, folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "ca_model: does not apply: cell.end = 'open'" in done.stdout
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["continuum.nc"]
+    assert refusal in done.stdout
+    assert [path.name for path in (tmp_path / "out").iterdir()] == [pours]
 
 
 def test_compare_prints_a_table_and_writes_numbers_and_a_picture(pours: Path) -> None:
