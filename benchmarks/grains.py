@@ -153,7 +153,7 @@ def core_seconds(action: Callable[[], object]) -> float:
 
 def same_pour(grains: int) -> Experiment:
     """The rule of `lattice-stratification` and its 2 + 1 grains a step, on a flat floor."""
-    columns, steps = floor_length(grains), grains // 3
+    columns, steps = floor_length(grains), grains // HANDFUL * HANDFUL // 3
     settings = [f"cell.length={columns}", "cell.start_slope=0.0", f"pour.duration={steps}"]
     return load("lattice-stratification", [*settings, "pour.records=1"])
 
