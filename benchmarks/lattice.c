@@ -1,0 +1,460 @@
+/* The lattice rule of ca_model/reference.py, grain for grain, as fast as C goes.
+
+   A packet is what rolls together: the grains fed in step k are in column t - k in step t. Packets
+   are followed one after the other, each on its whole way downhill, rather than all at once step by
+   step. That is the same pour: in column i packet k meets all captures of packets before it in i,
+   and in i + 1 those of packets up to k - 2; so only what packet k - 1 added to i + 1 is held back
+   until packet k has passed. A step then costs its captures, however long the pile is, because
+
+   1. columns that would capture a species are bits of a set, one set a species, and sets of the
+      words of that set which are not empty stand above it (64 x 64 x 64 x 64 columns): the next
+      column that captures a packet is found by a few counts of trailing zeros;
+   2. captures move about slowly (a kink climbs the pile). A window of 64 columns about them stays
+      in registers: slopes, thresholds of the surface and its species are bytes of AVX-512
+      registers, one comparison makes the bit sets, and no branch depends on where a grain stops;
+   3. grains at rest are appended to a log, which is split into stacks afterwards.
+
+   Slopes beyond +-40, starts and ends of packets inside the window, and whatever else does not fit
+   take the way of 1 alone. */
+
+#include <immintrin.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define INLINE static inline __attribute__((always_inline))
+#define LIKELY(x) __builtin_expect(!!(x), 1)
+#define UNROLLED _Pragma("GCC unroll 8")
+
+enum { MOST_SPECIES = 8, LEVELS = 4, STEEPEST = 40, AHEAD = 40 };
+enum Contacts { ONE, SOME, ALL };
+
+typedef uint64_t Bits;
+typedef __m512i Bytes;
+
+typedef struct {
+    int64_t columns, species, contacts, steps;
+    const int64_t *grain_height, *threshold, *smallest_first;
+    int64_t *height;  /* (column,) */
+    int64_t *rolling; /* (column, species) */
+    int64_t *top;     /* (column,) the species on top of the stack */
+    const int64_t *arrivals; /* (step, species) */
+    uint32_t *log;    /* column << 3 | species, in the order of capture; room for all that rolls */
+    int64_t logged;
+} Job;
+
+/* From here on a species is its place among the smallest first. */
+typedef struct {
+    int32_t columns, words;
+    int64_t contacts;
+    int32_t species[MOST_SPECIES]; /* its number in the job */
+    int32_t height[MOST_SPECIES], threshold[MOST_SPECIES][MOST_SPECIES]; /* [surface][grain] */
+    int32_t *state;     /* (column,) slope << 3 | top; the last one's slope is its height */
+    Bits *set[LEVELS];  /* (word, species) columns that capture; above it words not empty */
+    uint32_t *log;
+} Pile;
+
+typedef struct {
+    int64_t grains[MOST_SPECIES];
+    int32_t column, stop; /* it goes on from `column`, and stays below `stop` */
+    int meets_wall;
+} Packet;
+
+/* ---- bit sets; the last column is in all of them, so a next one is always found ---- */
+
+INLINE int32_t first_of(Bits word) { return (int32_t)_tzcnt_u64(word); }
+
+INLINE int32_t next_column(const Pile *pile, int N, int a, int32_t i) {
+    int32_t level = 0;
+    Bits word = pile->set[0][(i >> 6) * N + a] >> (i & 63);
+    while (!word) {
+        i = (i >> 6) + 1;
+        level++;
+        word = pile->set[level][(i >> 6) * N + a] >> (i & 63);
+    }
+    i += first_of(word);
+    while (level--) i = i << 6 | first_of(pile->set[level][i * N + a]);
+    return i;
+}
+
+INLINE void put_word(Pile *pile, int N, int a, int32_t w, Bits word) {
+    Bits before = pile->set[0][w * N + a];
+    pile->set[0][w * N + a] = word;
+    for (int level = 1; level < LEVELS && !before != !word; level++) {
+        Bits bit = (Bits)1 << (w & 63);
+        w >>= 6;
+        before = pile->set[level][w * N + a];
+        word = word ? before | bit : before & ~bit;
+        pile->set[level][w * N + a] = word;
+    }
+}
+
+INLINE void put_bit(Pile *pile, int N, int a, int32_t i, Bits on) {
+    Bits word = pile->set[0][(i >> 6) * N + a];
+    put_word(pile, N, a, i >> 6, (word & ~((Bits)1 << (i & 63))) | on << (i & 63));
+}
+
+INLINE void put_window(Pile *pile, int N, int a, int32_t base, Bits in, Bits bits) {
+    int32_t w = base >> 6, shift = base & 63;
+    put_word(pile, N, a, w, (pile->set[0][w * N + a] & ~(in << shift)) | bits << shift);
+    if (shift && w + 1 < pile->words) {
+        Bits rest = pile->set[0][(w + 1) * N + a];
+        put_word(pile, N, a, w + 1, (rest & ~(in >> (64 - shift))) | bits >> (64 - shift));
+    }
+}
+
+/* ---- one column ---- */
+
+INLINE void put_state(Pile *pile, int N, int32_t i, int32_t state) {
+    pile->state[i] = state;
+    const int32_t *threshold = pile->threshold[state & 7];
+    for (int a = 0; a < N; a++) put_bit(pile, N, a, i, (state >> 3) < threshold[a]);
+}
+
+INLINE int32_t topped(const Pile *pile, int32_t state, int a) {
+    return (state & ~7) + 8 * pile->height[a] + a;
+}
+
+INLINE void note(Pile *pile, int32_t i, int a) {
+    *pile->log++ = (uint32_t)i << 3 | (uint32_t)pile->species[a];
+}
+
+/* What the packet before added to the columns that it met, now felt uphill of them. */
+INLINE void lower_uphill(Pile *pile, int N, const uint32_t *from, const uint32_t *to,
+                         const int32_t *height_of) {
+    for (; from < to; from++) {
+        int32_t i = (int32_t)(*from >> 3) - 1;
+        if (i >= 0) put_state(pile, N, i, pile->state[i] - 8 * height_of[*from & 7]);
+    }
+}
+
+/* ---- 1: by bit sets alone ---- */
+
+static __attribute__((noinline)) void follow(Pile *pile, int N, Packet *packet) {
+    int64_t touches = pile->contacts;
+    int32_t i = packet->column;
+    for (int a = 0; a < N; a++) {
+        while (packet->grains[a] > 0) {
+            int32_t next = next_column(pile, N, a, i);
+            if (next >= packet->stop) {
+                if (!packet->meets_wall) return;
+                goto wall;
+            }
+            if (next != i) touches = pile->contacts;
+            i = next;
+            put_state(pile, N, i, topped(pile, pile->state[i], a));
+            note(pile, i, a);
+            packet->grains[a]--;
+            if (--touches == 0) {
+                i++;
+                touches = pile->contacts;
+            }
+        }
+    }
+    return;
+wall:
+    i = pile->columns - 1;
+    for (int a = 0; a < N; a++) {
+        for (; packet->grains[a] > 0; packet->grains[a]--) {
+            pile->state[i] = topped(pile, pile->state[i], a);
+            note(pile, i, a);
+        }
+    }
+}
+
+/* ---- 2: by a window in registers ---- */
+
+typedef struct {
+    int32_t base, end;  /* the first column, and the one after the last; closed: end = 0 */
+    Bits in;            /* its columns */
+    int all_first;      /* bit a: no column before the window captures a */
+    Bytes slope, top, held_back; /* a byte a column */
+    Bytes threshold[MOST_SPECIES];
+    Bits set[MOST_SPECIES];
+} Window;
+
+typedef struct {
+    Bytes height[MOST_SPECIES], number[MOST_SPECIES];
+    Bytes threshold[MOST_SPECIES][MOST_SPECIES]; /* [surface][grain] */
+    Bytes of_surface[MOST_SPECIES];              /* [grain], a byte a surface */
+    int fits;
+} Constants;
+
+static Constants constants_of(const Pile *pile) {
+    Constants c;
+    c.fits = 1;
+    for (int a = 0; a < MOST_SPECIES; a++) {
+        int8_t row[64] = {0};
+        for (int b = 0; b < MOST_SPECIES; b++) {
+            int32_t threshold = pile->threshold[b][a];
+            c.fits &= threshold >= -STEEPEST && threshold + pile->height[a] <= STEEPEST;
+            c.threshold[b][a] = _mm512_set1_epi8((char)threshold);
+            row[b] = (int8_t)threshold;
+        }
+        c.of_surface[a] = _mm512_loadu_si512(row);
+        c.height[a] = _mm512_set1_epi8((char)pile->height[a]);
+        c.number[a] = _mm512_set1_epi8((char)a);
+    }
+    return c;
+}
+
+INLINE Window opened(const Pile *pile, int N, const Constants *c, const uint32_t *before,
+                     const int32_t *height_of) {
+    Window w = {0};
+    int32_t wall = pile->columns - 1, first = next_column(pile, N, 0, 0);
+    w.base = first < AHEAD ? 0 : first - AHEAD;
+    int32_t end = w.base + 64 < wall ? w.base + 64 : wall;
+    w.in = end - w.base < 64 ? ((Bits)1 << (end - w.base)) - 1 : ~(Bits)0;
+    int8_t held_back[64] = {0};
+    for (; before < pile->log; before++) {
+        int32_t i = (int32_t)(*before >> 3) - 1;
+        if (i < 0) continue;
+        if (i < w.base || i >= end) return w;
+        held_back[i - w.base] += (int8_t)height_of[*before & 7];
+    }
+    __m128i slope[4], top[4];
+    __mmask16 steep = 0;
+    for (int q = 0; q < 4; q++) {
+        Bytes state = _mm512_maskz_loadu_epi32((__mmask16)(w.in >> 16 * q),
+                                               pile->state + w.base + 16 * q);
+        Bytes wide = _mm512_srai_epi32(state, 3);
+        steep |= _mm512_cmpgt_epi32_mask(_mm512_abs_epi32(wide), _mm512_set1_epi32(STEEPEST));
+        slope[q] = _mm512_cvtepi32_epi8(wide);
+        top[q] = _mm512_cvtepi32_epi8(_mm512_and_si512(state, _mm512_set1_epi32(7)));
+    }
+    if (steep) return w;
+    memcpy(&w.slope, slope, 64);
+    memcpy(&w.top, top, 64);
+    memcpy(&w.held_back, held_back, 64);
+    w.all_first = 0;
+    for (int a = 0; a < N; a++) {
+        w.threshold[a] = _mm512_permutexvar_epi8(w.top, c->of_surface[a]);
+        w.set[a] = _mm512_mask_cmplt_epi8_mask(w.in, w.slope, w.threshold[a]);
+        w.all_first |= (next_column(pile, N, a, 0) >= w.base) << a;
+    }
+    w.end = end;
+    return w;
+}
+
+INLINE void close_window(Pile *pile, int N, Window *w) {
+    __m128i slope[4], top[4];
+    memcpy(slope, &w->slope, 64);
+    memcpy(top, &w->top, 64);
+    for (int q = 0; q < 4; q++) {
+        Bytes wide = _mm512_slli_epi32(_mm512_cvtepi8_epi32(slope[q]), 3);
+        _mm512_mask_storeu_epi32(pile->state + w->base + 16 * q, (__mmask16)(w->in >> 16 * q),
+                                 _mm512_or_si512(wide, _mm512_cvtepi8_epi32(top[q])));
+    }
+    for (int a = 0; a < N; a++) put_window(pile, N, a, w->base, w->in, w->set[a]);
+    w->end = 0;
+}
+
+INLINE void lay(Window *w, const Constants *c, int N, int a, Bits at) {
+    w->slope = _mm512_mask_add_epi8(w->slope, at, w->slope, c->height[a]);
+    w->top = _mm512_mask_mov_epi8(w->top, at, c->number[a]);
+    UNROLLED for (int b = 0; b < N; b++) {
+        w->threshold[b] = _mm512_mask_mov_epi8(w->threshold[b], at, c->threshold[a][b]);
+    }
+}
+
+INLINE void find_sets(Window *w, int N) {
+    UNROLLED for (int a = 0; a < N; a++) {
+        w->set[a] = _mm512_mask_cmplt_epi8_mask(w->in, w->slope, w->threshold[a]);
+    }
+}
+
+/* Returns the columns that captured; what no column of the window captures stays in `packet`. */
+INLINE Bits follow_in_window(Pile *pile, const Constants *c, Window *w, int N,
+                             enum Contacts contacts, Packet *packet, Bytes *held_back) {
+    Bits from = ~(Bits)0, captured = 0;
+    int64_t touches = pile->contacts;
+    Bits taken[MOST_SPECIES] = {0}, last = 0;
+    UNROLLED for (int a = 0; a < N; a++) {
+        for (int64_t left = packet->grains[a]; left > 0; left--) {
+            Bits open = w->set[a] & from;
+            if (!LIKELY(open)) {
+                packet->grains[a] = left;
+                goto out;
+            }
+            Bits bit = open & -open;
+            captured |= bit;
+            note(pile, w->base + first_of(bit), a);
+            if (contacts == ONE) {
+                taken[a] |= bit;
+                from = -(bit << 1);
+            } else {
+                if (contacts == SOME && bit != last) touches = pile->contacts;
+                last = bit;
+                from = -bit;
+                lay(w, c, N, a, bit);
+                *held_back = _mm512_mask_add_epi8(*held_back, bit >> 1, *held_back, c->height[a]);
+                find_sets(w, N);
+                if (contacts == SOME && --touches == 0) from = -(bit << 1);
+            }
+        }
+        packet->grains[a] = 0;
+    }
+out:
+    if (contacts == ONE) {
+        UNROLLED for (int a = 0; a < N; a++) {
+            lay(w, c, N, a, taken[a]);
+            *held_back = _mm512_mask_mov_epi8(*held_back, taken[a] >> 1, c->height[a]);
+        }
+    }
+    return captured;
+}
+
+/* ---- packets, the lowest first ---- */
+
+INLINE void pour(Pile *pile, Job *job, const int N, const enum Contacts contacts) {
+    const int32_t wall = pile->columns - 1;
+    const int64_t steps = job->steps, species = job->species;
+    const Constants c = constants_of(pile);
+    const Bytes least = _mm512_set1_epi8(-STEEPEST);
+    int32_t height_of[MOST_SPECIES] = {0};
+    for (int a = 0; a < species; a++) height_of[pile->species[a]] = pile->height[a];
+    Window w;
+    w.end = 0;
+    uint32_t *before = pile->log, *own = pile->log; /* where the log of a packet begins */
+    for (int64_t k = -wall; k < steps; k++) {
+        const int64_t *row = k < 0 ? job->rolling + (-k - 1) * species : job->arrivals + k * species;
+        Packet packet;
+        UNROLLED for (int a = 0; a < N; a++) {
+            packet.grains[a] = a < species ? row[pile->species[a]] : 0;
+        }
+        packet.column = k < 0 ? (int32_t)-k : 0;
+        packet.meets_wall = steps - k > wall;
+        packet.stop = packet.meets_wall ? wall : (int32_t)(steps - k);
+        int a = 0;
+        while (a < N - 1 && !packet.grains[a]) a++;
+        own = pile->log;
+        int is_lowered = 0, goes_on = 1;
+        if (!LIKELY(w.end) && c.fits) w = opened(pile, N, &c, before, height_of);
+        if (LIKELY(w.end && packet.column <= w.base && packet.stop >= w.end &&
+                   (w.all_first >> a & 1))) {
+            Bytes held_back = _mm512_setzero_si512();
+            Bits captured = follow_in_window(pile, &c, &w, N, contacts, &packet, &held_back);
+            Bits remaining = 0;
+            UNROLLED for (int b = 0; b < N; b++) remaining |= (Bits)packet.grains[b];
+            goes_on = remaining != 0;
+            if (LIKELY(!goes_on)) {
+                w.slope = _mm512_sub_epi8(w.slope, w.held_back);
+                w.held_back = held_back;
+                is_lowered = 1;
+            }
+            find_sets(&w, N);
+            Bits too_steep = _mm512_mask_cmplt_epi8_mask(w.in, w.slope, least);
+            if (!LIKELY(!(too_steep | (captured & (w.base > 0)) | remaining))) close_window(pile, N, &w);
+            packet.column = w.base + 64 < wall ? w.base + 64 : wall;
+        } else if (w.end) {
+            close_window(pile, N, &w);
+        }
+        if (!LIKELY(!goes_on)) {
+            follow(pile, N, &packet);
+        }
+        if (!LIKELY(is_lowered)) lower_uphill(pile, N, before, own, height_of);
+        if (steps - k <= wall + 1) {
+            int64_t *rests = job->rolling + (steps - 1 - k) * species;
+            for (int b = 0; b < species; b++) rests[pile->species[b]] = packet.grains[b];
+        }
+        before = own;
+    }
+    if (w.end) close_window(pile, N, &w);
+    lower_uphill(pile, N, before, pile->log, height_of);
+}
+
+
+/* ---- the job ---- */
+
+static void take_in(Pile *pile, const Job *job, int N) {
+    const int32_t wall = (int32_t)job->columns - 1;
+    int32_t place[MOST_SPECIES] = {0};
+    for (int a = 0; a < MOST_SPECIES; a++) {
+        for (int b = 0; b < MOST_SPECIES; b++) pile->threshold[a][b] = -STEEPEST;
+        pile->height[a] = pile->species[a] = 0;
+    }
+    for (int a = 0; a < job->species; a++) {
+        int64_t of = job->smallest_first[a];
+        place[of] = a;
+        pile->species[a] = (int32_t)of;
+        pile->height[a] = (int32_t)job->grain_height[of];
+        for (int b = 0; b < job->species; b++) {
+            int64_t surface = job->smallest_first[b];
+            pile->threshold[b][a] = (int32_t)job->threshold[of * job->species + surface];
+        }
+    }
+    for (int32_t i = 0; i <= wall; i++) {
+        int64_t slope = i < wall ? job->height[i] - job->height[i + 1] : job->height[i];
+        pile->state[i] = (int32_t)(slope << 3) | place[job->top[i]];
+    }
+    for (int32_t w = 0; w < pile->words; w++) {
+        Bits set[MOST_SPECIES] = {0};
+        for (int32_t i = 64 * w; i < 64 * (w + 1) && i <= wall; i++) {
+            const int32_t *threshold = pile->threshold[pile->state[i] & 7];
+            for (int a = 0; a < N; a++) {
+                Bits on = i == wall || (pile->state[i] >> 3) < threshold[a];
+                set[a] |= on << (i & 63);
+            }
+        }
+        for (int a = 0; a < N; a++) put_word(pile, N, a, w, set[a]);
+    }
+}
+
+static void give_back(const Pile *pile, Job *job) {
+    int64_t height = 0;
+    for (int32_t i = pile->columns - 1; i >= 0; i--) {
+        height += pile->state[i] >> 3;
+        job->height[i] = height;
+        job->top[i] = pile->species[pile->state[i] & 7];
+    }
+    job->logged = pile->log - job->log;
+}
+
+INLINE void pour_species(Pile *pile, Job *job, int N) {
+    take_in(pile, job, N);
+    if (job->contacts == 1) {
+        pour(pile, job, N, ONE);
+    } else if (job->contacts >= (int64_t)1 << 32) {
+        pour(pile, job, N, ALL);
+    } else {
+        pour(pile, job, N, SOME);
+    }
+}
+
+/* Take the steps of `job`; 0, or 1 where there is no memory for it. */
+int advance_pile(Job *job) {
+    Pile pile = {.columns = (int32_t)job->columns, .contacts = job->contacts, .log = job->log};
+    pile.words = (pile.columns + 63) / 64;
+    const int N = job->species <= 2 ? 2 : job->species <= 4 ? 4 : MOST_SPECIES;
+    size_t words = (size_t)pile.words, all = 0, begins[LEVELS];
+    for (int level = 0; level < LEVELS; level++) {
+        begins[level] = all;
+        all += (words + 1) * (size_t)N;
+        words = (words + 63) / 64;
+    }
+    Bits *sets = calloc(all, sizeof(Bits));
+    pile.state = malloc(sizeof(int32_t) * (size_t)pile.columns);
+    if (!sets || !pile.state) return 1;
+    for (int level = 0; level < LEVELS; level++) pile.set[level] = sets + begins[level];
+    if (N == 2) {
+        pour_species(&pile, job, 2);
+    } else if (N == 4) {
+        pour_species(&pile, job, 4);
+    } else {
+        pour_species(&pile, job, 8);
+    }
+    give_back(&pile, job);
+    free(sets);
+    free(pile.state);
+    return 0;
+}
+
+/* Put the grains of the log on their stacks; 0, or 1 where a stack has too few places. */
+int split(const uint32_t *log, int64_t logged, int64_t places, int8_t *stack, int64_t *grains) {
+    for (int64_t n = 0; n < logged; n++) {
+        int64_t i = log[n] >> 3;
+        if (grains[i] == places) return 1;
+        stack[i * places + grains[i]++] = (int8_t)(log[n] & 7);
+    }
+    return 0;
+}
