@@ -52,6 +52,9 @@ typedef struct {
     int32_t *state;     /* (column,) slope << 3 | top; the last one's slope is its height */
     Bits *set[LEVELS];  /* (word, species) columns that capture; above it words not empty */
     uint32_t *log;
+    int32_t height_of[MOST_SPECIES]; /* by number in the job */
+    Bytes of_surface[MOST_SPECIES];  /* thresholds of a grain, a byte a surface */
+    int species_count, fits;                       /* whether heights and thresholds fit into bytes */
 } Pile;
 
 typedef struct {
@@ -120,11 +123,10 @@ INLINE void note(Pile *pile, int32_t i, int a) {
 }
 
 /* What the packet before added to the columns that it met, now felt uphill of them. */
-INLINE void lower_uphill(Pile *pile, int N, const uint32_t *from, const uint32_t *to,
-                         const int32_t *height_of) {
+INLINE void lower_uphill(Pile *pile, int N, const uint32_t *from, const uint32_t *to) {
     for (; from < to; from++) {
         int32_t i = (int32_t)(*from >> 3) - 1;
-        if (i >= 0) put_state(pile, N, i, pile->state[i] - 8 * height_of[*from & 7]);
+        if (i >= 0) put_state(pile, N, i, pile->state[i] - 8 * pile->height_of[*from & 7]);
     }
 }
 
@@ -165,58 +167,33 @@ wall:
 /* ---- 2: by a window in registers ---- */
 
 typedef struct {
-    int32_t base, end;  /* the first column, and the one after the last; closed: end = 0 */
-    Bits in;            /* its columns */
-    int all_first;      /* bit a: no column before the window captures a */
+    int32_t base, end; /* the first column, and the one after the last; closed: end = 0 */
+    Bits in;           /* its columns */
+    int all_first;     /* bit a: no column before the window captures a */
     Bytes slope, top, held_back; /* a byte a column */
-    Bytes threshold[MOST_SPECIES];
-    Bits set[MOST_SPECIES];
 } Window;
 
-typedef struct {
-    Bytes height[MOST_SPECIES], number[MOST_SPECIES];
-    Bytes threshold[MOST_SPECIES][MOST_SPECIES]; /* [surface][grain] */
-    Bytes of_surface[MOST_SPECIES];              /* [grain], a byte a surface */
-    int fits;
-} Constants;
-
-static Constants constants_of(const Pile *pile) {
-    Constants c;
-    c.fits = 1;
-    for (int a = 0; a < MOST_SPECIES; a++) {
-        int8_t row[64] = {0};
-        for (int b = 0; b < MOST_SPECIES; b++) {
-            int32_t threshold = pile->threshold[b][a];
-            c.fits &= threshold >= -STEEPEST && threshold + pile->height[a] <= STEEPEST;
-            c.threshold[b][a] = _mm512_set1_epi8((char)threshold);
-            row[b] = (int8_t)threshold;
-        }
-        c.of_surface[a] = _mm512_loadu_si512(row);
-        c.height[a] = _mm512_set1_epi8((char)pile->height[a]);
-        c.number[a] = _mm512_set1_epi8((char)a);
-    }
-    return c;
-}
-
-INLINE Window opened(const Pile *pile, int N, const Constants *c, const uint32_t *before,
-                     const int32_t *height_of) {
+/* The window with the first column that captures the smallest species; it stays closed where
+   the packet starts or ends inside, or slopes or what the packet before holds back do not fit. */
+static Window opened(const Pile *pile, int N, const Packet *packet, const uint32_t *before) {
     Window w = {0};
     int32_t wall = pile->columns - 1, first = next_column(pile, N, 0, 0);
     w.base = first < AHEAD ? 0 : first - AHEAD;
     int32_t end = w.base + 64 < wall ? w.base + 64 : wall;
+    if (packet->column > w.base || packet->stop < end) return w;
     w.in = end - w.base < 64 ? ((Bits)1 << (end - w.base)) - 1 : ~(Bits)0;
     int8_t held_back[64] = {0};
     for (; before < pile->log; before++) {
         int32_t i = (int32_t)(*before >> 3) - 1;
         if (i < 0) continue;
         if (i < w.base || i >= end) return w;
-        held_back[i - w.base] += (int8_t)height_of[*before & 7];
+        held_back[i - w.base] += (int8_t)pile->height_of[*before & 7];
     }
     __m128i slope[4], top[4];
     __mmask16 steep = 0;
     for (int q = 0; q < 4; q++) {
-        Bytes state = _mm512_maskz_loadu_epi32((__mmask16)(w.in >> 16 * q),
-                                               pile->state + w.base + 16 * q);
+        __mmask16 in = (__mmask16)(w.in >> 16 * q);
+        Bytes state = _mm512_maskz_loadu_epi32(in, pile->state + w.base + 16 * q);
         Bytes wide = _mm512_srai_epi32(state, 3);
         steep |= _mm512_cmpgt_epi32_mask(_mm512_abs_epi32(wide), _mm512_set1_epi32(STEEPEST));
         slope[q] = _mm512_cvtepi32_epi8(wide);
@@ -226,17 +203,12 @@ INLINE Window opened(const Pile *pile, int N, const Constants *c, const uint32_t
     memcpy(&w.slope, slope, 64);
     memcpy(&w.top, top, 64);
     memcpy(&w.held_back, held_back, 64);
-    w.all_first = 0;
-    for (int a = 0; a < N; a++) {
-        w.threshold[a] = _mm512_permutexvar_epi8(w.top, c->of_surface[a]);
-        w.set[a] = _mm512_mask_cmplt_epi8_mask(w.in, w.slope, w.threshold[a]);
-        w.all_first |= (next_column(pile, N, a, 0) >= w.base) << a;
-    }
+    for (int a = 0; a < N; a++) w.all_first |= (next_column(pile, N, a, 0) >= w.base) << a;
     w.end = end;
     return w;
 }
 
-INLINE void close_window(Pile *pile, int N, Window *w) {
+static void close_window(Pile *pile, int N, Window *w) {
     __m128i slope[4], top[4];
     memcpy(slope, &w->slope, 64);
     memcpy(top, &w->top, 64);
@@ -245,124 +217,209 @@ INLINE void close_window(Pile *pile, int N, Window *w) {
         _mm512_mask_storeu_epi32(pile->state + w->base + 16 * q, (__mmask16)(w->in >> 16 * q),
                                  _mm512_or_si512(wide, _mm512_cvtepi8_epi32(top[q])));
     }
-    for (int a = 0; a < N; a++) put_window(pile, N, a, w->base, w->in, w->set[a]);
+    for (int a = 0; a < N; a++) {
+        Bytes threshold = _mm512_permutexvar_epi8(w->top, pile->of_surface[a]);
+        Bits set = _mm512_mask_cmplt_epi8_mask(w->in, w->slope, threshold);
+        put_window(pile, N, a, w->base, w->in, set);
+    }
     w->end = 0;
 }
 
-INLINE void lay(Window *w, const Constants *c, int N, int a, Bits at) {
-    w->slope = _mm512_mask_add_epi8(w->slope, at, w->slope, c->height[a]);
-    w->top = _mm512_mask_mov_epi8(w->top, at, c->number[a]);
-    UNROLLED for (int b = 0; b < N; b++) {
-        w->threshold[b] = _mm512_mask_mov_epi8(w->threshold[b], at, c->threshold[a][b]);
-    }
-}
+typedef struct {
+    enum { ALL_PASSED, NOT_BEGUN, REMAINS, OUTGROWN } why; /* it ended */
+    int64_t passed;         /* packets that were captured as a whole */
+    uint32_t *before, *own; /* where the logs of the last one passed and of the next one begin */
+} Passage;
 
-INLINE void find_sets(Window *w, int N) {
-    UNROLLED for (int a = 0; a < N; a++) {
-        w->set[a] = _mm512_mask_cmplt_epi8_mask(w->in, w->slope, w->threshold[a]);
-    }
-}
+/* Up to `count` packets, whose grains are `stride` apart, pass through the window. The one that is
+   not captured as a whole (REMAINS) has `rest`, and goes on below the window. */
 
-/* Returns the columns that captured; what no column of the window captures stays in `packet`. */
-INLINE Bits follow_in_window(Pile *pile, const Constants *c, Window *w, int N,
-                             enum Contacts contacts, Packet *packet, Bytes *held_back) {
-    Bits from = ~(Bits)0, captured = 0;
-    int64_t touches = pile->contacts;
-    Bits taken[MOST_SPECIES] = {0}, last = 0;
+INLINE Passage pass(Pile *pile, Window *window, const int64_t *row, int64_t stride, int64_t count,
+                    int64_t *rest, uint32_t *before, const int N, const enum Contacts contacts)
+{
+    Bytes height[N], number[N], become[N][N], again_below[N][N], threshold[N];
+    Bits set[N], again[N][N];
+    int64_t at[N];
+    const int species = pile->species_count;
+    uint32_t noted[N];
+    const Bits in = window->in, edge = window->base > 0;
+    const Bytes least = _mm512_set1_epi8(-STEEPEST);
+    Bytes slope = window->slope, top = window->top, held_back = window->held_back;
     UNROLLED for (int a = 0; a < N; a++) {
-        for (int64_t left = packet->grains[a]; left > 0; left--) {
-            Bits open = w->set[a] & from;
-            if (!LIKELY(open)) {
-                packet->grains[a] = left;
-                goto out;
-            }
-            Bits bit = open & -open;
-            captured |= bit;
-            note(pile, w->base + first_of(bit), a);
-            if (contacts == ONE) {
-                taken[a] |= bit;
-                from = -(bit << 1);
-            } else {
-                if (contacts == SOME && bit != last) touches = pile->contacts;
-                last = bit;
-                from = -bit;
-                lay(w, c, N, a, bit);
-                *held_back = _mm512_mask_add_epi8(*held_back, bit >> 1, *held_back, c->height[a]);
-                find_sets(w, N);
-                if (contacts == SOME && --touches == 0) from = -(bit << 1);
-            }
+        at[a] = pile->species[a];
+        noted[a] = (uint32_t)window->base << 3 | (uint32_t)pile->species[a];
+        height[a] = _mm512_set1_epi8((char)pile->height[a]);
+        number[a] = _mm512_set1_epi8((char)a);
+        UNROLLED for (int b = 0; b < N; b++) {
+            become[a][b] = _mm512_set1_epi8((char)pile->threshold[a][b]);
+            again_below[a][b] = _mm512_set1_epi8((char)(pile->threshold[a][b] - pile->height[a]));
         }
-        packet->grains[a] = 0;
+        threshold[a] = _mm512_permutexvar_epi8(top, pile->of_surface[a]);
+        set[a] = _mm512_mask_cmplt_epi8_mask(in, slope, threshold[a]);
     }
-out:
-    if (contacts == ONE) {
+#define FIND_SETS                                                                 \
+    UNROLLED for (int b = 0; b < N; b++)                                          \
+        set[b] = _mm512_mask_cmplt_epi8_mask(in, slope, threshold[b]);
+#define LAY(a, columns)                                                           \
+    slope = _mm512_mask_add_epi8(slope, columns, slope, height[a]);               \
+    top = _mm512_mask_mov_epi8(top, columns, number[a]);                          \
+    held = _mm512_mask_add_epi8(held, (columns) >> 1, held, height[a]);           \
+    UNROLLED for (int b = 0; b < N; b++)                                          \
+        threshold[b] = _mm512_mask_mov_epi8(threshold[b], columns, become[a][b]);
+
+#define FIND_AGAIN                                                                \
+    if (contacts != ONE) {                                                        \
+        UNROLLED for (int a = 0; a < N; a++) UNROLLED for (int b = a; b < N; b++) \
+            again[a][b] = _mm512_mask_cmplt_epi8_mask(in, slope, again_below[a][b]); \
+    }
+    FIND_AGAIN
+    uint32_t *log = pile->log;
+    Passage passage = {ALL_PASSED, 0, before, log};
+    for (; passage.passed < count; passage.passed++, row += stride) {
+        int64_t grains[N];
+        UNROLLED for (int a = 0; a < N; a++) grains[a] = N < MOST_SPECIES || a < species ? row[at[a]] : 0;
+        int smallest = 0;
+        UNROLLED for (int a = N - 1; a >= 0; a--) smallest = grains[a] ? a : smallest;
+        if (!LIKELY(window->all_first >> smallest & 1)) {
+            passage.why = NOT_BEGUN;
+            break;
+        }
+        passage.own = log;
+        Bits taken[N], pending[N], captured = 0, from = ~(Bits)0, twice = 0;
+        int64_t missed = 0;
+        UNROLLED for (int a = 0; a < N; a++) pending[a] = 0;
         UNROLLED for (int a = 0; a < N; a++) {
-            lay(w, c, N, a, taken[a]);
-            *held_back = _mm512_mask_mov_epi8(*held_back, taken[a] >> 1, c->height[a]);
+            Bits open = set[a] & from, bit = 0;
+            int64_t left = grains[a];
+            taken[a] = 0;
+            if (contacts != ONE && left) twice |= pending[a];
+            for (; left > 0 && LIKELY(open); left--) {
+                bit = open & -open;
+                open ^= bit;
+                taken[a] |= bit;
+                if (contacts != ONE && left > 1) twice |= bit & again[a][a];
+                *log++ = noted[a] + 8 * (uint32_t)first_of(bit);
+            }
+            if (bit) {
+                from = -(bit << 1);
+                UNROLLED for (int b = a + 1; b < N; b++) pending[b] = bit & again[a][b];
+            }
+            if (left) from = 0;
+            missed |= left;
+            rest[a] = left;
+            captured |= taken[a];
+        }
+        Bytes held = _mm512_setzero_si512();
+        if (contacts == ONE || LIKELY(!twice)) {
+            UNROLLED for (int a = 0; a < N; a++) {
+                LAY(a, taken[a])
+            }
+        } else { /* a column captures several grains of the packet: one by one */
+            int64_t touches = pile->contacts;
+            Bits last = 0;
+            log = passage.own;
+            from = ~(Bits)0;
+            missed = captured = 0;
+            UNROLLED for (int a = 0; a < N; a++) {
+                int64_t left = grains[a];
+                for (; left > 0 && (set[a] & from); left--) {
+                    Bits open = set[a] & from, bit = open & -open;
+                    if (bit != last) touches = pile->contacts;
+                    last = bit;
+                    captured |= bit;
+                    LAY(a, bit)
+                    FIND_SETS
+                    *log++ = noted[a] + 8 * (uint32_t)first_of(bit);
+                    from = --touches ? -bit : -(bit << 1);
+                }
+                if (left) from = 0;
+                missed |= left;
+                rest[a] = left;
+            }
+        }
+        if (!LIKELY(!missed)) {
+            passage.why = REMAINS;
+            break;
+        }
+        slope = _mm512_sub_epi8(slope, held_back);
+        held_back = held;
+        before = passage.own;
+        FIND_SETS
+        FIND_AGAIN
+        if (!LIKELY(!(captured & edge)) ||
+            !LIKELY(!_mm512_mask_cmplt_epi8_mask(in, slope, least))) {
+            passage.passed++;
+            passage.why = OUTGROWN;
+            break;
         }
     }
-    return captured;
+    window->slope = slope;
+    window->top = top;
+    window->held_back = held_back;
+    passage.before = before;
+    pile->log = log;
+    return passage;
 }
 
 /* ---- packets, the lowest first ---- */
 
+INLINE Packet packet_of(const Pile *pile, const Job *job, int64_t k) {
+    const int64_t *row = k < 0 ? job->rolling - (k + 1) * job->species
+                               : job->arrivals + k * job->species;
+    Packet packet = {.column = k < 0 ? (int32_t)-k : 0};
+    packet.meets_wall = job->steps - k >= pile->columns;
+    packet.stop = packet.meets_wall ? pile->columns - 1 : (int32_t)(job->steps - k);
+    for (int a = 0; a < job->species; a++) packet.grains[a] = row[pile->species[a]];
+    return packet;
+}
+
+/* What is left of packet k rolls on, unless it has met the wall by now. */
+INLINE void put_rolling(const Pile *pile, Job *job, int64_t k, const int64_t *grains) {
+    if (job->steps - k > pile->columns) return;
+    int64_t *rolling = job->rolling + (job->steps - 1 - k) * job->species;
+    for (int a = 0; a < job->species; a++) rolling[pile->species[a]] = grains[a];
+}
+
 INLINE void pour(Pile *pile, Job *job, const int N, const enum Contacts contacts) {
-    const int32_t wall = pile->columns - 1;
-    const int64_t steps = job->steps, species = job->species;
-    const Constants c = constants_of(pile);
-    const Bytes least = _mm512_set1_epi8(-STEEPEST);
-    int32_t height_of[MOST_SPECIES] = {0};
-    for (int a = 0; a < species; a++) height_of[pile->species[a]] = pile->height[a];
-    Window w;
-    w.end = 0;
-    uint32_t *before = pile->log, *own = pile->log; /* where the log of a packet begins */
-    for (int64_t k = -wall; k < steps; k++) {
-        const int64_t *row = k < 0 ? job->rolling + (-k - 1) * species : job->arrivals + k * species;
-        Packet packet;
-        UNROLLED for (int a = 0; a < N; a++) {
-            packet.grains[a] = a < species ? row[pile->species[a]] : 0;
-        }
-        packet.column = k < 0 ? (int32_t)-k : 0;
-        packet.meets_wall = steps - k > wall;
-        packet.stop = packet.meets_wall ? wall : (int32_t)(steps - k);
-        int a = 0;
-        while (a < N - 1 && !packet.grains[a]) a++;
-        own = pile->log;
-        int is_lowered = 0, goes_on = 1;
-        if (!LIKELY(w.end) && c.fits) w = opened(pile, N, &c, before, height_of);
-        if (LIKELY(w.end && packet.column <= w.base && packet.stop >= w.end &&
-                   (w.all_first >> a & 1))) {
-            Bytes held_back = _mm512_setzero_si512();
-            Bits captured = follow_in_window(pile, &c, &w, N, contacts, &packet, &held_back);
-            Bits remaining = 0;
-            UNROLLED for (int b = 0; b < N; b++) remaining |= (Bits)packet.grains[b];
-            goes_on = remaining != 0;
-            if (LIKELY(!goes_on)) {
-                w.slope = _mm512_sub_epi8(w.slope, w.held_back);
-                w.held_back = held_back;
-                is_lowered = 1;
+    const int64_t steps = job->steps, species = job->species, none[MOST_SPECIES] = {0};
+    uint32_t *before = pile->log;
+    Window w = {0};
+    for (int64_t k = 1 - pile->columns; k < steps;) {
+        Packet packet = packet_of(pile, job, k);
+        if (pile->fits && !w.end) w = opened(pile, N, &packet, before);
+        uint32_t *own = pile->log;
+        if (w.end) {
+            int64_t last = steps - w.end, to = k < 0 && last >= 0 ? -1 : last;
+            const int64_t *row = k < 0 ? job->rolling - (k + 1) * species
+                                       : job->arrivals + k * species;
+            Passage passage = pass(pile, &w, row, k < 0 ? -species : species, to - k + 1,
+                                   packet.grains, before, N, contacts);
+            int64_t passed_to = k + passage.passed;
+            if (k < steps - pile->columns) k = steps - pile->columns;
+            while (k < passed_to) put_rolling(pile, job, k++, none);
+            k = passed_to;
+            before = passage.before;
+            int32_t end = w.end;
+            if (passage.why != ALL_PASSED || to == last) close_window(pile, N, &w);
+            if (passage.why == ALL_PASSED || passage.why == OUTGROWN) continue;
+            Packet next = packet_of(pile, job, k);
+            if (passage.why == REMAINS) {
+                own = passage.own;
+                next.column = end;
+                memcpy(next.grains, packet.grains, sizeof next.grains);
+            } else {
+                own = pile->log;
             }
-            find_sets(&w, N);
-            Bits too_steep = _mm512_mask_cmplt_epi8_mask(w.in, w.slope, least);
-            if (!LIKELY(!(too_steep | (captured & (w.base > 0)) | remaining))) close_window(pile, N, &w);
-            packet.column = w.base + 64 < wall ? w.base + 64 : wall;
-        } else if (w.end) {
-            close_window(pile, N, &w);
+            packet = next;
         }
-        if (!LIKELY(!goes_on)) {
-            follow(pile, N, &packet);
-        }
-        if (!LIKELY(is_lowered)) lower_uphill(pile, N, before, own, height_of);
-        if (steps - k <= wall + 1) {
-            int64_t *rests = job->rolling + (steps - 1 - k) * species;
-            for (int b = 0; b < species; b++) rests[pile->species[b]] = packet.grains[b];
-        }
+        follow(pile, N, &packet);
+        lower_uphill(pile, N, before, own);
+        put_rolling(pile, job, k++, packet.grains);
         before = own;
     }
     if (w.end) close_window(pile, N, &w);
-    lower_uphill(pile, N, before, pile->log, height_of);
+    lower_uphill(pile, N, before, pile->log);
 }
-
 
 /* ---- the job ---- */
 
@@ -371,17 +428,28 @@ static void take_in(Pile *pile, const Job *job, int N) {
     int32_t place[MOST_SPECIES] = {0};
     for (int a = 0; a < MOST_SPECIES; a++) {
         for (int b = 0; b < MOST_SPECIES; b++) pile->threshold[a][b] = -STEEPEST;
-        pile->height[a] = pile->species[a] = 0;
+        pile->height[a] = pile->species[a] = pile->height_of[a] = 0;
     }
+    pile->species_count = (int)job->species;
+    pile->fits = 1;
     for (int a = 0; a < job->species; a++) {
         int64_t of = job->smallest_first[a];
         place[of] = a;
         pile->species[a] = (int32_t)of;
-        pile->height[a] = (int32_t)job->grain_height[of];
+        pile->height[a] = pile->height_of[of] = (int32_t)job->grain_height[of];
         for (int b = 0; b < job->species; b++) {
             int64_t surface = job->smallest_first[b];
             pile->threshold[b][a] = (int32_t)job->threshold[of * job->species + surface];
         }
+    }
+    for (int a = 0; a < MOST_SPECIES; a++) {
+        int8_t row[64] = {0};
+        for (int b = 0; b < MOST_SPECIES; b++) {
+            int32_t threshold = pile->threshold[b][a];
+            row[b] = (int8_t)threshold;
+            pile->fits &= threshold >= -STEEPEST && threshold + pile->height[b] <= STEEPEST;
+        }
+        pile->of_surface[a] = _mm512_loadu_si512(row);
     }
     for (int32_t i = 0; i <= wall; i++) {
         int64_t slope = i < wall ? job->height[i] - job->height[i + 1] : job->height[i];
@@ -410,7 +478,7 @@ static void give_back(const Pile *pile, Job *job) {
     job->logged = pile->log - job->log;
 }
 
-INLINE void pour_species(Pile *pile, Job *job, int N) {
+INLINE void pour_of(Pile *pile, Job *job, int N) {
     take_in(pile, job, N);
     if (job->contacts == 1) {
         pour(pile, job, N, ONE);
@@ -425,7 +493,7 @@ INLINE void pour_species(Pile *pile, Job *job, int N) {
 int advance_pile(Job *job) {
     Pile pile = {.columns = (int32_t)job->columns, .contacts = job->contacts, .log = job->log};
     pile.words = (pile.columns + 63) / 64;
-    const int N = job->species <= 2 ? 2 : job->species <= 4 ? 4 : MOST_SPECIES;
+    const int N = job->species <= 3 ? (int)job->species : MOST_SPECIES;
     size_t words = (size_t)pile.words, all = 0, begins[LEVELS];
     for (int level = 0; level < LEVELS; level++) {
         begins[level] = all;
@@ -436,12 +504,11 @@ int advance_pile(Job *job) {
     pile.state = malloc(sizeof(int32_t) * (size_t)pile.columns);
     if (!sets || !pile.state) return 1;
     for (int level = 0; level < LEVELS; level++) pile.set[level] = sets + begins[level];
-    if (N == 2) {
-        pour_species(&pile, job, 2);
-    } else if (N == 4) {
-        pour_species(&pile, job, 4);
-    } else {
-        pour_species(&pile, job, 8);
+    switch (N) {
+        case 1: pour_of(&pile, job, 1); break;
+        case 2: pour_of(&pile, job, 2); break;
+        case 3: pour_of(&pile, job, 3); break;
+        default: pour_of(&pile, job, MOST_SPECIES);
     }
     give_back(&pile, job);
     free(sets);
