@@ -1,9 +1,9 @@
-"""All benchmarks, or those named: `python -m benchmarks [pours] [continuum] [solvers]`."""
+"""All benchmarks, or those named: `python -m benchmarks [pours] [continuum] [lattice] [solvers]`."""
 
 import sys
 from importlib import import_module
 
-SUBJECTS = ("pours", "continuum", "solvers")
+SUBJECTS = ("pours", "continuum", "lattice", "solvers")
 
 for subject in sys.argv[1:] or SUBJECTS:
     if subject not in SUBJECTS:

@@ -26,7 +26,7 @@
 #define LIKELY(x) __builtin_expect(!!(x), 1)
 #define UNROLLED _Pragma("GCC unroll 8")
 
-enum { MOST_SPECIES = 8, LEVELS = 4, STEEPEST = 40, AHEAD = 40 };
+enum { MOST_SPECIES = 8, LEVELS = 4, STEEPEST = 40, AHEAD = 40, WORTH_IT = 8, LONGEST_WAIT = 64 };
 enum Contacts { ONE, SOME, ALL };
 
 typedef uint64_t Bits;
@@ -384,9 +384,13 @@ INLINE void pour(Pile *pile, Job *job, const int N, const enum Contacts contacts
     const int64_t steps = job->steps, species = job->species, none[MOST_SPECIES] = {0};
     uint32_t *before = pile->log;
     Window w = {0};
+    int64_t retry = -pile->columns, wait = 1; /* no window is opened again and again in vain */
     for (int64_t k = 1 - pile->columns; k < steps;) {
         Packet packet = packet_of(pile, job, k);
-        if (pile->fits && !w.end) w = opened(pile, N, &packet, before);
+        if (pile->fits && !w.end && k >= retry) {
+            w = opened(pile, N, &packet, before);
+            if (!w.end) retry = k + (wait = wait < LONGEST_WAIT ? 2 * wait : wait);
+        }
         uint32_t *own = pile->log;
         if (w.end) {
             int64_t last = steps - w.end, to = k < 0 && last >= 0 ? -1 : last;
@@ -395,6 +399,8 @@ INLINE void pour(Pile *pile, Job *job, const int N, const enum Contacts contacts
             Passage passage = pass(pile, &w, row, k < 0 ? -species : species, to - k + 1,
                                    packet.grains, before, N, contacts);
             int64_t passed_to = k + passage.passed;
+            wait = passage.passed > WORTH_IT ? 1 : wait < LONGEST_WAIT ? 2 * wait : wait;
+            retry = passed_to + wait;
             if (k < steps - pile->columns) k = steps - pile->columns;
             while (k < passed_to) put_rolling(pile, job, k++, none);
             k = passed_to;
@@ -524,4 +530,17 @@ int split(const uint32_t *log, int64_t logged, int64_t places, int8_t *stack, in
         stack[i * places + grains[i]++] = (int8_t)(log[n] & 7);
     }
     return 0;
+}
+
+/* So many links of the chain that a window cannot avoid: bits, to a mask, to slopes, to bits. */
+int64_t chain(int64_t links) {
+    const Bytes height = _mm512_set1_epi8(1), threshold = _mm512_set1_epi8(4);
+    Bytes slope = _mm512_setzero_si512();
+    Bits set = ~(Bits)0;
+    for (int64_t n = 0; n < links; n++) {
+        Bits bit = set & -set;
+        slope = _mm512_mask_add_epi8(slope, bit, slope, height);
+        set = _mm512_cmplt_epi8_mask(slope, threshold);
+    }
+    return (int64_t)set;
 }
