@@ -1,4 +1,4 @@
-"""All benchmarks, or those named: `python -m benchmarks [pours] [continuum] [lattice] [solvers]`."""
+"""All benchmarks, or those named: `python -m benchmarks [pours] [continuum] [lattice] ...`."""
 
 import sys
 from importlib import import_module

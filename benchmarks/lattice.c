@@ -11,7 +11,8 @@
       column that captures a packet is found by a few counts of trailing zeros;
    2. captures move about slowly (a kink climbs the pile). A window of 64 columns about them stays
       in registers: slopes, thresholds of the surface and its species are bytes of AVX-512
-      registers, one comparison makes the bit sets, and no branch depends on where a grain stops;
+      registers, one comparison makes the bit sets, and no branch depends on where a grain stops
+      (a window costs some 50 ns to open and close, and lasts for 60 packets and more);
    3. grains at rest are appended to a log, which is split into stacks afterwards.
 
    Slopes beyond +-40, starts and ends of packets inside the window, and whatever else does not fit
@@ -54,7 +55,8 @@ typedef struct {
     uint32_t *log;
     int32_t height_of[MOST_SPECIES]; /* by number in the job */
     Bytes of_surface[MOST_SPECIES];  /* thresholds of a grain, a byte a surface */
-    int species_count, fits;                       /* whether heights and thresholds fit into bytes */
+    int species_count;
+    int fits; /* whether heights and thresholds fit into bytes */
 } Pile;
 
 typedef struct {
@@ -174,7 +176,7 @@ typedef struct {
 } Window;
 
 /* The window with the first column that captures the smallest species; it stays closed where
-   the packet starts or ends inside, or slopes or what the packet before holds back do not fit. */
+   the packet starts or ends inside, or slopes or what the packet before added do not fit. */
 static Window opened(const Pile *pile, int N, const Packet *packet, const uint32_t *before) {
     Window w = {0};
     int32_t wall = pile->columns - 1, first = next_column(pile, N, 0, 0);
@@ -188,6 +190,7 @@ static Window opened(const Pile *pile, int N, const Packet *packet, const uint32
         if (i < 0) continue;
         if (i < w.base || i >= end) return w;
         held_back[i - w.base] += (int8_t)pile->height_of[*before & 7];
+        if (held_back[i - w.base] > STEEPEST) return w;
     }
     __m128i slope[4], top[4];
     __mmask16 steep = 0;
@@ -232,11 +235,11 @@ typedef struct {
 } Passage;
 
 /* Up to `count` packets, whose grains are `stride` apart, pass through the window. The one that is
-   not captured as a whole (REMAINS) has `rest`, and goes on below the window. */
-
+   not captured as a whole (REMAINS) has `rest`, and goes on below the window. Where columns are found
+   they are taken to capture once a packet; one that would do so `twice` has the packet redone. */
 INLINE Passage pass(Pile *pile, Window *window, const int64_t *row, int64_t stride, int64_t count,
-                    int64_t *rest, uint32_t *before, const int N, const enum Contacts contacts)
-{
+                    int64_t *rest, uint32_t *before, const int N,
+                    const enum Contacts contacts) {
     Bytes height[N], number[N], become[N][N], again_below[N][N], threshold[N];
     Bits set[N], again[N][N];
     int64_t at[N];
@@ -277,7 +280,9 @@ INLINE Passage pass(Pile *pile, Window *window, const int64_t *row, int64_t stri
     Passage passage = {ALL_PASSED, 0, before, log};
     for (; passage.passed < count; passage.passed++, row += stride) {
         int64_t grains[N];
-        UNROLLED for (int a = 0; a < N; a++) grains[a] = N < MOST_SPECIES || a < species ? row[at[a]] : 0;
+        UNROLLED for (int a = 0; a < N; a++) {
+            grains[a] = N < MOST_SPECIES || a < species ? row[at[a]] : 0;
+        }
         int smallest = 0;
         UNROLLED for (int a = N - 1; a >= 0; a--) smallest = grains[a] ? a : smallest;
         if (!LIKELY(window->all_first >> smallest & 1)) {
@@ -310,6 +315,7 @@ INLINE Passage pass(Pile *pile, Window *window, const int64_t *row, int64_t stri
             captured |= taken[a];
         }
         Bytes held = _mm512_setzero_si512();
+        slope = _mm512_sub_epi8(slope, held_back);
         if (contacts == ONE || LIKELY(!twice)) {
             UNROLLED for (int a = 0; a < N; a++) {
                 LAY(a, taken[a])
@@ -317,6 +323,7 @@ INLINE Passage pass(Pile *pile, Window *window, const int64_t *row, int64_t stri
         } else { /* a column captures several grains of the packet: one by one */
             int64_t touches = pile->contacts;
             Bits last = 0;
+            slope = _mm512_add_epi8(slope, held_back);
             log = passage.own;
             from = ~(Bits)0;
             missed = captured = 0;
@@ -336,12 +343,13 @@ INLINE Passage pass(Pile *pile, Window *window, const int64_t *row, int64_t stri
                 missed |= left;
                 rest[a] = left;
             }
+            slope = _mm512_sub_epi8(slope, held_back);
         }
         if (!LIKELY(!missed)) {
+            slope = _mm512_add_epi8(slope, held_back);
             passage.why = REMAINS;
             break;
         }
-        slope = _mm512_sub_epi8(slope, held_back);
         held_back = held;
         before = passage.own;
         FIND_SETS
