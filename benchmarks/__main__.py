@@ -1,9 +1,9 @@
-"""All benchmarks, or those named: `python -m benchmarks [pours] [continuum] [solvers] [grains]`."""
+"""All benchmarks, or those named: `python -m benchmarks [pours] [lattice] [continuum] ...`."""
 
 import sys
 from importlib import import_module
 
-SUBJECTS = ("pours", "continuum", "solvers", "grains")
+SUBJECTS = ("pours", "lattice", "continuum", "solvers", "grains")
 
 for subject in sys.argv[1:] or SUBJECTS:
     if subject not in SUBJECTS:
