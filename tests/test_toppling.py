@@ -29,7 +29,7 @@ def set_ups(draw: st.DrawFn) -> tuple[TopplingRule, np.ndarray, dict[str, int], 
     rule = TopplingRule(
         grain_height=np.array(heights),
         threshold=np.array(draw(st.lists(rows, min_size=species, max_size=species))),
-        spread=draw(st.integers(0, 3)),
+        spread=draw(st.sampled_from([0, 1, 3, 15])),
     )
     columns = draw(st.integers(1, 12))
     base = draw(st.integers(0, 6)) * np.arange(columns - 1, -1, -1)
@@ -122,6 +122,21 @@ def test_a_full_stack_stops_the_kernel_before_the_grain_that_could_overflow() ->
     assert (pile.grains == before[0]).all()
     assert random == before[1]
     assert 2 * 2 * done + 4 - due[done].sum() == pile.grains.sum(), "what is due was not added"
+
+
+def test_a_stack_that_one_avalanche_would_overfill_stops_the_kernel_too() -> None:
+    """Five grains on a high step, held by a large k until the next grain comes, fall at once."""
+    random = random_state(0)
+    rule = OSLO._replace(threshold=np.array([[1]]), spread=0)
+    pile = bare_pile(rule, np.array([10, 0, 0]), random, places=5)
+    pile.grains[:] = [5, 1, 4]
+    pile.height[:] = [15, 1, 4]
+    pile.k[0] = 14
+    due = np.ones((1, 1), dtype=np.int64)
+    assert advance_toppling(pile, rule, due, random) == 0
+    pile = pour(rule, pile, due, random)
+    assert pile.grains.sum() == 11
+    assert pile.grains.max() > 5
 
 
 @pytest.mark.parametrize(("large", "below"), [(0, 0), (0, 1), (1, 0), (1, 1)])
