@@ -21,10 +21,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from ca_model.kernel import Pile, advance
 from numpy.typing import NDArray
 
 from benchmarks.clock import once, seconds_in_turn
-from ca_model.kernel import Pile, advance
 from ca_model.lattice import MANY, Rule
 from ca_model.reference import ReferencePile
 from experiment.arrays import Ints

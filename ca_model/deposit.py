@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ca_model.lattice import Ground, Rule
+from ca_model.lattice import Ground
 from experiment.arrays import Floats, Ints
 
 __all__ = ["Deposit", "Grains", "Slab", "section"]
@@ -68,16 +68,21 @@ def slab_of(log: NDArray[np.int32], columns: int, species: Ints) -> Slab:
 
 
 def section(
-    slabs: Iterable[Slab], rule: Rule, ground: Ground, shape: tuple[int, int], units: int, wide: int
+    slabs: Iterable[Slab],
+    grain_height: Ints,
+    ground: Ground,
+    shape: tuple[int, int],
+    units: int,
+    wide: int,
 ) -> Floats:
     """Composition of what was poured, (z, x, species), on a grid of `shape` (z, x).
 
     Its cells are `units` high and `wide` columns wide. NaN where nothing was poured.
     """
-    volume = np.zeros((*shape, len(rule.grain_height)), dtype=np.int32)
+    volume = np.zeros((*shape, len(grain_height)), dtype=np.int32)
     height = ground.height.copy()
     for slab in slabs:
-        _fill(volume, height, slab, rule.grain_height, units, wide)
+        _fill(volume, height, slab, grain_height, units, wide)
     fraction = np.full(volume.shape, np.nan, dtype=np.float32)
     total = volume.sum(axis=2, keepdims=True)
     np.divide(volume, total, out=fraction, where=total > 0, dtype=np.float32)

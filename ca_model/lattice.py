@@ -9,17 +9,17 @@ By default u is the smallest diameter and w = 10 u. A lattice slope s is an inte
 s < ceil(s_ab): thresholds between the same integers act alike.
 """
 
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
-from pydantic import field_validator
+from pydantic import Field, field_validator, model_validator
 
 from ca_model.arrivals import ArrivalKind
-from experiment import Experiment, NotApplicableError, SetupError
+from experiment import Experiment, Mixture, NotApplicableError, SetupError
 from experiment.arrays import Floats, Ints
 from experiment.fields import Part, Positive
 
-__all__ = ["MANY", "Ground", "Lattice", "Rule", "Settings", "lattice_of"]
+__all__ = ["MANY", "Ground", "Lattice", "Rule", "Settings", "TopplingRule", "lattice_of"]
 
 
 ROUND_OFF = 1e-9
@@ -27,16 +27,23 @@ MANY = 2**62
 MOST_COLUMNS = 10_000_000
 MOST_GRAINS = 1_000_000  # a step
 MOST_SPECIES = 64
+VARIANTS = {"contacts": "threshold", "percolation": "threshold", "threshold_spread": "toppling"}
 
 
 class Settings(Part):
-    """The `[ca_model]` table of a set-up: the lattice and the variant of its rule."""
+    """The `[ca_model]` table of a set-up: the lattice and its rule.
+
+    Grains roll past `threshold`s, or topple one by one where a random number up to
+    `threshold_spread` is added to them. The variants of one rule do not apply to the other.
+    """
 
     unit: Positive | None = None  # u, cm; default: the smallest diameter
     column_width: Positive | None = None  # w, cm; default: 10 u
+    rule: Literal["threshold", "toppling"] = "threshold"
+    arrivals: ArrivalKind = "fixed"
     contacts: int | Literal["all"] = "all"
     percolation: bool = True
-    arrivals: ArrivalKind = "fixed"
+    threshold_spread: Annotated[int, Field(strict=True, ge=0, le=1000)] = 0
 
     @field_validator("contacts", mode="before")
     @classmethod
@@ -47,6 +54,14 @@ class Settings(Part):
             return given
         raise ValueError("it should be a whole number from 1 up, or 'all'")
 
+    @model_validator(mode="after")
+    def _check_that_the_variant_applies(self) -> Self:
+        for name, rule in VARIANTS.items():
+            if name in self.model_fields_set and self.rule != rule:
+                value = getattr(self, name)
+                raise ValueError(f"{name} = {value!r}: only where rule = {rule!r} it applies")
+        return self
+
 
 class Rule(NamedTuple):
     """What decides on capture, in lattice units; species are numbered as in the mixture."""
@@ -56,6 +71,14 @@ class Rule(NamedTuple):
     smallest_first: Ints  # (species,) the species in the order in which they touch the pile
     contacts: int  # how often a column may touch each flow in a step
     percolation: bool  # whether only the smallest species present touches the pile
+
+
+class TopplingRule(NamedTuple):
+    """What decides on toppling, in lattice units; species are numbered as in the mixture."""
+
+    grain_height: Ints  # (species,) H_a
+    threshold: Ints  # (species, surface_species) s_ab
+    spread: int  # what is added to it is 0 ... spread, all alike
 
 
 class Ground(NamedTuple):
@@ -70,7 +93,7 @@ class Ground(NamedTuple):
 class Lattice(NamedTuple):
     """A set-up on the lattice, and what a lattice unit is in cm and s."""
 
-    rule: Rule
+    rule: Rule | TopplingRule
     ground: Ground
     left: float  # where the first column begins, cm
     grains_per_step: Floats  # (species,) of the mean feed, to each side
@@ -114,24 +137,18 @@ def lattice_of(experiment: Experiment) -> Lattice:
     """
     settings = Settings.parse(experiment.ca_model, "ca_model")
     mixture = experiment.mixture
-    _check_that_the_rule_applies(experiment)
+    _check_that_the_rule_applies(experiment, settings.rule)
     unit = settings.unit or min(mixture.grain_diameter)
     width = settings.column_width or 10 * unit
     if unit > min(mixture.grain_diameter):
         raise SetupError(f"ca_model.unit = {unit:g}: it should not exceed the smallest diameter")
     heights = np.rint(np.array(mixture.grain_diameter) / unit).astype(np.int64)
     slopes = np.array(mixture.repose_slope) * width / unit
-    rule = Rule(
-        grain_height=heights,
-        threshold=np.ceil(slopes - ROUND_OFF).astype(np.int64),
-        smallest_first=np.argsort(mixture.grain_diameter, kind="stable").astype(np.int64),
-        contacts=MANY if settings.contacts == "all" else settings.contacts,
-        percolation=settings.percolation,
-    )
+    threshold = np.ceil(slopes - ROUND_OFF).astype(np.int64)
     _check_the_feed(experiment.feed.largest_inflow, heights * unit)
     ground, left = _ground(experiment, unit, width)
     return Lattice(
-        rule=rule,
+        rule=_rule(settings, mixture, heights, threshold),
         ground=ground,
         left=left,
         grains_per_step=experiment.mean_inflow / (heights * unit),
@@ -139,6 +156,20 @@ def lattice_of(experiment: Experiment) -> Lattice:
         column_width=width,
         step=width / mixture.drift_velocity[0],
         arrivals=settings.arrivals,
+    )
+
+
+def _rule(
+    settings: Settings, mixture: Mixture, heights: Ints, threshold: Ints
+) -> Rule | TopplingRule:
+    if settings.rule == "toppling":
+        return TopplingRule(heights, threshold, settings.threshold_spread)
+    return Rule(
+        grain_height=heights,
+        threshold=threshold,
+        smallest_first=np.argsort(mixture.grain_diameter, kind="stable").astype(np.int64),
+        contacts=MANY if settings.contacts == "all" else settings.contacts,
+        percolation=settings.percolation,
     )
 
 
@@ -173,11 +204,14 @@ def _check_the_feed(largest: Floats, grain_thickness: Floats) -> None:
         )
 
 
-def _check_that_the_rule_applies(experiment: Experiment) -> None:
+def _check_that_the_rule_applies(experiment: Experiment, rule: str) -> None:
     cell, mixture = experiment.cell, experiment.mixture
     speeds, start = list(mixture.drift_velocity), list(experiment.start_composition)
     limits = {
         f"cell.shape = {cell.shape!r}: the lattice pours silos and heaps": cell.shape != "drum",
+        f"cell.shape = {cell.shape!r}: the toppling rule pours silos only": (
+            cell.shape == "silo" or rule != "toppling"
+        ),
         f"mixture.dispersion = {mixture.dispersion:g}: lattice grains roll without dispersion": (
             mixture.dispersion == 0
         ),

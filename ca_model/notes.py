@@ -5,14 +5,15 @@ from itertools import groupby
 
 import numpy as np
 
-from ca_model.lattice import Lattice
+from ca_model.lattice import Lattice, TopplingRule
 from ca_model.pile import Pile
+from ca_model.toppling.pile import ToppledPile
 from experiment import Mixture
 
 __all__ = ["notes"]
 
 
-def notes(mixture: Mixture, lattice: Lattice, pile: Pile) -> dict[str, object]:
+def notes(mixture: Mixture, lattice: Lattice, pile: Pile | ToppledPile) -> dict[str, object]:
     """Attributes of the archive: what the lattice made of the set-up, in lattice units and in cm.
 
     A `comment` says which repose slopes act alike, because they lie between the same integers, and
@@ -44,10 +45,10 @@ def _slopes_that_act_alike(mixture: Mixture, lattice: Lattice) -> Iterator[str]:
             yield f"{names} act alike: on the lattice each is a slope of {threshold}"
 
 
-def _walls_that_outgrew(lattice: Lattice, pile: Pile) -> Iterator[str]:
-    if lattice.ground.lips is not None:
+def _walls_that_outgrew(lattice: Lattice, pile: Pile | ToppledPile) -> Iterator[str]:
+    rule, height = lattice.rule, pile.height
+    if lattice.ground.lips is not None or isinstance(rule, TopplingRule):
         return
-    height, rule = pile.height, lattice.rule
     ends = [height[-1] - height[-2], height[0] - height[1]][: lattice.ground.sides]
     outgrowth = int(max(ends))
     if outgrowth > rule.threshold.max():

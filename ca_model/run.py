@@ -8,10 +8,12 @@ import numpy as np
 import xarray as xr
 
 from ca_model.arrivals import Arrivals
-from ca_model.deposit import Deposit, section
-from ca_model.lattice import Lattice, lattice_of
+from ca_model.deposit import Deposit, Slab, section
+from ca_model.lattice import Lattice, TopplingRule, lattice_of
 from ca_model.notes import notes
 from ca_model.pile import Pile
+from ca_model.toppling.kernel import random_state
+from ca_model.toppling.pile import ToppledPile
 from experiment import Experiment
 from experiment.archive import assemble
 from experiment.arrays import Floats, Ints
@@ -33,13 +35,7 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     """
     lattice = lattice_of(experiment)
     deposit = Deposit()
-    middle = int(lattice.column_after(np.zeros(1))[0])
-    pile = Pile(
-        lattice.rule,
-        lattice.ground,
-        deposit.lay,
-        source=middle if experiment.feed.source is None else None,
-    )
+    pile = _bare_pile(experiment, lattice, deposit.lay)
     steps = record_steps(experiment.pour, lattice.step)
     recorder = Recorder(len(steps), lattice.columns, experiment.mixture.species)
     feeding = Feeding(experiment, lattice)
@@ -56,10 +52,26 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
         "z": (np.arange(cells) + 0.5) * lattice.unit,
         "base_height": lattice.ground.height * lattice.unit,
         "deposit_fraction": section(
-            deposit, lattice.rule, lattice.ground, (cells, lattice.columns), units=1, wide=1
+            deposit,
+            lattice.rule.grain_height,
+            lattice.ground,
+            (cells, lattice.columns),
+            units=1,
+            wide=1,
         ),
     }
     return assemble(experiment, "ca_model", arrays, notes(experiment.mixture, lattice, pile))
+
+
+def _bare_pile(
+    experiment: Experiment, lattice: Lattice, lay: Callable[[Slab], object]
+) -> Pile | ToppledPile:
+    rule, ground, source = lattice.rule, lattice.ground, experiment.feed.source
+    if isinstance(rule, TopplingRule):
+        random = random_state(experiment.pour.seed, experiment.pour.pile)
+        return ToppledPile(rule, ground, lay, random)
+    middle = int(lattice.column_after(np.zeros(1))[0])
+    return Pile(rule, ground, lay, source=middle if source is None else None)
 
 
 class Feeding:
@@ -99,7 +111,7 @@ class Feeding:
 
 
 def _record(
-    recorder: Recorder, record: int, lattice: Lattice, pile: Pile, feeding: Feeding
+    recorder: Recorder, record: int, lattice: Lattice, pile: Pile | ToppledPile, feeding: Feeding
 ) -> None:
     rolling = pile.rolling
     recorder.keep(

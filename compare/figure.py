@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from compare.kymograph import fronts, kinks
-from compare.quantities import coarseness, settled_since, why_not_measured
+from compare.quantities import coarseness, settled_since, total_inflow, why_not_measured
 from experiment.arrays import Floats
 from experiment.errors import ArchiveError
 from experiment.files import whole_file
@@ -73,7 +73,7 @@ def draw_kymograph(axes: "Axes", archive: xr.Dataset) -> None:
         extent=(*_edges(archive["x"].values), *_edges(time)),
         cmap="Greys",
         vmin=0,
-        vmax=PALE * float(np.quantile(thickness, 0.995)),
+        vmax=PALE * float(np.quantile(thickness, 0.995)) or total_inflow(archive),
         rasterized=True,
     )
     if why_not_measured(archive) is None:

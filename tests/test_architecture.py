@@ -59,6 +59,7 @@ def test_kernels_release_the_interpreter_and_are_cached_on_disk() -> None:
     kernels = {
         "ca_model/packets.py": "follow_packets",
         "ca_model/steps.py": "take_steps",
+        "ca_model/toppling/kernel.py": "advance_toppling",
         "continuum/kernel.py": "take_steps",
     }
     for file, entry in kernels.items():

@@ -1,4 +1,4 @@
-"""The toppling rule of :mod:`ca_model.toppling_reference` on arrays, grain for grain the same.
+"""The toppling rule of :mod:`ca_model.toppling.reference` on arrays, grain for grain the same.
 
     a topmost on b is at rest while    s = h_i - h_{i+1} < s_ab + k_i,    k_i in 0 ... spread
 
@@ -12,13 +12,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ca_model.lattice import TopplingRule
 from experiment.arrays import Ints
 
 __all__ = [
     "WALL",
     "RandomState",
     "TopplingPile",
-    "TopplingRule",
     "advance_toppling",
     "bare_pile",
     "pick",
@@ -28,14 +28,6 @@ __all__ = [
 WALL = 2**62  # the lip of a cell that nothing can leave
 
 RandomState = NDArray[np.uint64]  # (1,) of SplitMix64, advanced in place by every draw
-
-
-class TopplingRule(NamedTuple):
-    """What decides on toppling, in lattice units; species are numbered as in the mixture."""
-
-    grain_height: Ints  # (species,) H_a
-    threshold: Ints  # (species, surface_species) s_ab
-    spread: int  # k is 0 ... spread, all alike
 
 
 class TopplingPile(NamedTuple):
@@ -58,9 +50,9 @@ class Restless(NamedTuple):
     place: Ints  # (column,) where a column stands in this list, -1 where it does not
 
 
-def random_state(seed: int) -> RandomState:
-    """The start of a sequence of random numbers."""
-    return np.random.SeedSequence(seed).generate_state(1, np.uint64).astype(np.uint64)
+def random_state(seed: int, pile: int = 0) -> RandomState:
+    """The start of the random numbers of a pile of a seed."""
+    return np.random.SeedSequence([seed, pile]).generate_state(1, np.uint64).astype(np.uint64)
 
 
 def bare_pile(
