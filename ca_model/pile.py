@@ -60,7 +60,8 @@ class Pile:
     ) -> None:
         self._species = rule.smallest_first  # (rank,)
         self._lay = lay
-        self._laid = np.zeros(len(self._species), dtype=np.int64)
+        self._counts = np.zeros(len(self._species), dtype=np.int64)  # of grains at rest, by rank
+        self._counted = 0  # entries of the log that those include
         self._log = Log(np.empty(log, dtype=np.int32), np.zeros(1, dtype=np.uint64))
         self._body: Body = (
             BelowMovingSource(rule, ground) if source is None else BelowSource(rule, ground, source)
@@ -91,9 +92,9 @@ class Pile:
 
     def flush(self) -> None:
         """Hand on as a slab what came to rest since the last one."""
-        self._laid = self.grains_at_rest
-        self._lay(slab_of(self._entries, len(self.height), self._species))
-        self._log.length[0] = 0
+        self._count()
+        self._lay(slab_of(self._entries, len(self._body.top), self._species))
+        self._log.length[0] = self._counted = 0
 
     @property
     def height(self) -> Ints:
@@ -118,8 +119,13 @@ class Pile:
     @property
     def grains_at_rest(self) -> Ints:
         """Grains (species,) in the stacks."""
-        ranks = len(self._species)
-        return self._laid + self._by_species(np.bincount(self._entries % ranks, minlength=ranks))
+        self._count()
+        return self._by_species(self._counts)
+
+    def _count(self) -> None:
+        new = self._entries[self._counted :] % len(self._species)
+        self._counts += np.bincount(new, minlength=len(self._species))
+        self._counted = len(self._entries)
 
     @property
     def _entries(self) -> NDArray[np.int32]:

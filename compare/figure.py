@@ -40,7 +40,8 @@ def draw(archives: Sequence[xr.Dataset]) -> "Figure":
             draw_deposit(column[0], archive)
             draw_kymograph(column[1], archive)
         figure.suptitle(archives[0].attrs["title"], parse_math=False)
-        figure.legend(handles=_line_styles(), loc="outside lower center", ncols=3)
+        if any(why_not_measured(archive) is None for archive in archives):
+            figure.legend(handles=_line_styles(), loc="outside lower center", ncols=3)
     return figure
 
 
