@@ -12,7 +12,7 @@ import numpy as np
 
 from continuum.kernel import advance, find_composition
 from continuum.law import Law
-from continuum.state import Flow, Grid, with_more_bins
+from continuum.state import Flow, Grid, bare_flow, with_more_bins
 from experiment import Experiment
 from experiment.arrays import Floats
 
@@ -89,22 +89,8 @@ def slopes_of(experiment: Experiment, grid: Grid, cells: int, law: Law) -> list[
 def _bare_slope(experiment: Experiment, x: Floats, grid: Grid, law: Law) -> Slope:
     """A slope on which nothing rolls and nothing was poured."""
     base = experiment.cell.base_height(x)
-    species, cells = experiment.mixture.species, len(x)
-    shape = (species, cells)
-    flow = Flow(
-        height=base.copy(),
-        rolling=np.zeros(shape),
-        surface=np.zeros(shape),
-        filling=np.zeros(shape),
-        tape=np.zeros((*shape, FIRST_BINS)),
-        row=np.arange(cells),
-        up=np.ones(cells, dtype=np.int64),
-        top=np.zeros(cells, dtype=np.int64),
-        sealed=np.zeros(cells, dtype=np.int64),
-        rigid=base - grid.dz * np.floor(base / grid.dz),
-        rigid_fraction=np.array(experiment.start_composition),
-        outflow=np.zeros(species),
-    )
+    flow = bare_flow(base, np.array(experiment.start_composition), FIRST_BINS)
+    flow = flow._replace(rigid=base - grid.dz * np.floor(base / grid.dz))
     return Slope(x, base, grid, flow, law)
 
 

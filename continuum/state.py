@@ -14,7 +14,7 @@ import numpy as np
 from continuum.limiters import VAN_LEER
 from experiment.arrays import Floats, Ints
 
-__all__ = ["MUSCL", "SCHEMES", "Flow", "Grid", "with_more_bins"]
+__all__ = ["MUSCL", "SCHEMES", "Flow", "Grid", "bare_flow", "with_more_bins"]
 
 SCHEMES = ("godunov", "muscl")
 GODUNOV, MUSCL = range(len(SCHEMES))
@@ -47,6 +47,25 @@ class Flow(NamedTuple):
     rigid: Floats  # (cell,) cm; how much of bin 0 the surface of before pouring takes up
     rigid_fraction: Floats  # (species,) its composition
     outflow: Floats  # (species,) cm; what fell off the open end, as thickness of one cell
+
+
+def bare_flow(height: Floats, rigid_fraction: Floats, bins: int) -> Flow:
+    """A silo's slope before pouring: a rigid surface of `height` (cell,) and its composition."""
+    shape = (len(rigid_fraction), len(height))
+    return Flow(
+        height=height.copy(),
+        rolling=np.zeros(shape),
+        surface=np.zeros(shape),
+        filling=np.zeros(shape),
+        tape=np.zeros((*shape, bins)),
+        row=np.arange(len(height)),
+        up=np.ones(len(height), dtype=np.int64),
+        top=np.zeros(len(height), dtype=np.int64),
+        sealed=np.zeros(len(height), dtype=np.int64),
+        rigid=np.zeros(len(height)),
+        rigid_fraction=rigid_fraction.copy(),
+        outflow=np.zeros(len(rigid_fraction)),
+    )
 
 
 def with_more_bins(flow: Flow) -> Flow:

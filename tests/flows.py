@@ -4,7 +4,7 @@ import numpy as np
 
 from continuum.kernel import advance
 from continuum.law import Law
-from continuum.state import Flow, Grid, with_more_bins
+from continuum.state import Flow, Grid, bare_flow, with_more_bins
 
 MATRICES = ("repose_slope", "collision_rate", "cross_amplification")
 
@@ -25,20 +25,8 @@ def law_with(species: int = 2, **changes: object) -> Law:
 
 def still(law: Law, cells: int, bins: int = 200, base: np.ndarray | None = None) -> Flow:
     """Nothing rolls and nothing was poured on a rigid surface of the first species."""
-    species = len(law.repose_slope)
-    return Flow(
-        height=np.zeros(cells) if base is None else base.copy(),
-        rolling=np.zeros((species, cells)),
-        surface=np.zeros((species, cells)),
-        filling=np.zeros((species, cells)),
-        tape=np.zeros((species, cells, bins)),
-        row=np.arange(cells),
-        up=np.ones(cells, dtype=np.int64),
-        top=np.zeros(cells, dtype=np.int64),
-        sealed=np.zeros(cells, dtype=np.int64),
-        rigid=np.zeros(cells),
-        rigid_fraction=np.eye(species)[0],
-        outflow=np.zeros(species),
+    return bare_flow(
+        np.zeros(cells) if base is None else base, np.eye(len(law.repose_slope))[0], bins
     )
 
 

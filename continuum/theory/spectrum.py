@@ -28,7 +28,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, splu
 from continuum.kernel import advance, substeps_at
 from continuum.law import Law, law_of
 from continuum.run import Resolution, pour
-from continuum.state import MUSCL, Flow, Grid
+from continuum.state import MUSCL, Flow, Grid, bare_flow
 from continuum.theory.steady_state import steady_state_of
 from continuum.transport import dispersion_substeps
 from experiment import Experiment, NotApplicableError
@@ -124,20 +124,10 @@ class Step:
         species = len(self.inflow)
         fraction = np.column_stack([state[:, species:-1], 1.0 - state[:, species:-1].sum(axis=1)])
         drop = state[:, -1] * self.grid.dx
-        shape = (species, self.cells)
-        return Flow(
-            height=np.cumsum(drop[::-1])[::-1].copy(),
+        flow = bare_flow(np.cumsum(drop[::-1])[::-1], np.full(species, 1.0 / species), bins=5)
+        return flow._replace(
             rolling=state[:, :species].T.copy(),
             surface=self.law.surface_depth * fraction.T.copy(),
-            filling=np.zeros(shape),
-            tape=np.zeros((*shape, 5)),
-            row=np.arange(self.cells),
-            up=np.ones(self.cells, dtype=np.int64),
-            top=np.zeros(self.cells, dtype=np.int64),
-            sealed=np.zeros(self.cells, dtype=np.int64),
-            rigid=np.zeros(self.cells),
-            rigid_fraction=np.full(species, 1.0 / species),
-            outflow=np.zeros(species),
         )
 
     def jacobian(self, state: Floats) -> csr_array:
