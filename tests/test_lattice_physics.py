@@ -126,6 +126,15 @@ def test_the_stratifying_mixture_stratifies_whatever_the_feed_is_made_of(
     assert found.value("wavelength").agrees_with(found.value("wavelength_of_period").mean, 0.03)
 
 
+def test_a_chance_likeness_of_far_layers_is_not_their_wavelength(poured: Poured) -> None:
+    """Ten layers apart this pile's coarseness is more alike than one apart."""
+    settings = (f"cell.length={LENGTH}", "pour.duration=14100.0", "ca_model.arrivals=poisson", THIN)
+    found = measure(poured("ca_model", "lattice-stratification", *settings))
+    assert float(found["wavelength"]) == pytest.approx(
+        float(found["wavelength_of_period"]), rel=0.05
+    )
+
+
 @pytest.mark.parametrize("contacts", [THIN, THICK])
 @pytest.mark.parametrize("arrivals", ["drawn", "poisson"])
 def test_the_segregating_mixture_parts_without_kinks_or_layers(arrivals, contacts) -> None:
