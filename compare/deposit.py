@@ -6,8 +6,10 @@ The coarseness c(z) of each column, from the settled part of the pour, is correl
 
 averaged over the measured columns. A cycle may lay more than one pair of layers, so the wavelength
 is not the first peak but the shortest lag whose peak comes close to the highest one: the lag at
-which the whole pattern repeats. The strength of the layering is the amplitude of what repeats,
-2 sqrt(A(wavelength)): 1 for equal layers of pure small and pure large grains.
+which the whole pattern repeats. Each peak counts by the share of a column that its lag leaves to
+compare: of irregular layers, a peak of which little is left may be high by chance. The strength of
+the layering is the amplitude of what repeats, 2 sqrt(A(wavelength)): 1 for equal layers of pure
+small and pure large grains.
 """
 
 import numpy as np
@@ -40,7 +42,7 @@ def layers(archive: xr.Dataset) -> xr.Dataset:
     thinnest = min(len(profile) for profile in profiles)
     longest = thinnest * 2 // 3
     single = np.array([_autocorrelation(profile, longest) for profile in profiles])
-    peak, strength = _repeat(single.mean(axis=0))
+    peak, strength = _repeat(single.mean(axis=0), thinnest)
     at = np.array([_nearest_peak(one, peak) for one in single]) * dz
     spread = float(np.nanstd(at)) if np.isfinite(at).any() else np.nan
     repeats = thinnest / peak
@@ -87,18 +89,22 @@ def _autocorrelation(profile: Floats, longest: int) -> Floats:
     return np.asarray(product / (n - np.arange(len(product))))
 
 
-def _repeat(correlation: Floats) -> tuple[float, float]:
-    """The lag at which the pattern repeats, and its strength; NaN and 0 where none does."""
+def _repeat(correlation: Floats, thickness: int) -> tuple[float, float]:
+    """The lag at which the pattern repeats, and its strength; NaN and 0 where none does.
+
+    `correlation` (lag,) is of columns of which the thinnest is of this `thickness`, as lags are.
+    """
     negative = np.flatnonzero(correlation < 0)
     if not len(negative):
         return np.nan, 0.0
     first = int(negative[0])
     peaks = first + scipy.signal.find_peaks(correlation[first:])[0]
-    heights = correlation[peaks]
-    if not len(peaks) or 2.0 * np.sqrt(max(heights.max(), 0.0)) < WEAKEST:
+    counted = correlation[peaks] * (1.0 - peaks / thickness)
+    if not len(peaks) or counted.max() <= 0:
         return np.nan, 0.0
-    chosen = int(peaks[heights >= AS_HIGH_AS * heights.max()][0])
-    return _summit(correlation, chosen), float(2.0 * np.sqrt(correlation[chosen]))
+    chosen = int(peaks[counted >= AS_HIGH_AS * counted.max()][0])
+    strength = float(2.0 * np.sqrt(correlation[chosen]))
+    return (_summit(correlation, chosen), strength) if strength >= WEAKEST else (np.nan, 0.0)
 
 
 def _summit(values: Floats, k: int) -> float:
