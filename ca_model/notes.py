@@ -5,19 +5,20 @@ from itertools import groupby
 
 import numpy as np
 
-from ca_model.lattice import Lattice, TopplingRule
-from ca_model.pile import Pile
-from ca_model.toppling.pile import ToppledPile
+from ca_model.lattice import MANY, Lattice, TopplingRule
 from experiment import Mixture
+from experiment.arrays import Floats
 
 __all__ = ["notes"]
 
+LATE = 10  # the last tenth of the records
 
-def notes(mixture: Mixture, lattice: Lattice, pile: Pile | ToppledPile) -> dict[str, object]:
+
+def notes(mixture: Mixture, lattice: Lattice, height: Floats) -> dict[str, object]:
     """Attributes of the archive: what the lattice made of the set-up, in lattice units and in cm.
 
     A `comment` says which repose slopes act alike, because they lie between the same integers, and
-    whether the feed exceeds what the surface can capture.
+    whether the feed exceeds what the surface can capture, from the heights (time, x) [cm].
     """
     rule, unit = lattice.rule, lattice.unit
     told: dict[str, object] = {
@@ -29,7 +30,7 @@ def notes(mixture: Mixture, lattice: Lattice, pile: Pile | ToppledPile) -> dict[
         "effective_repose_slope": rule.threshold.ravel() * unit / lattice.column_width,
         "grains_per_step": lattice.grains_per_step,
     }
-    comments = [*_slopes_that_act_alike(mixture, lattice), *_walls_that_outgrew(lattice, pile)]
+    comments = [*_slopes_that_act_alike(mixture, lattice), *_walls_that_outgrew(lattice, height)]
     if comments:
         told["comment"] = "; ".join(comments)
     return told
@@ -45,14 +46,16 @@ def _slopes_that_act_alike(mixture: Mixture, lattice: Lattice) -> Iterator[str]:
             yield f"{names} act alike: on the lattice each is a slope of {threshold}"
 
 
-def _walls_that_outgrew(lattice: Lattice, pile: Pile | ToppledPile) -> Iterator[str]:
-    rule, height = lattice.rule, pile.height
+def _walls_that_outgrew(lattice: Lattice, height: Floats) -> Iterator[str]:
+    """From the heights (time, x) [cm]; a wall's column is above its neighbour's now and then."""
+    rule = lattice.rule
     if lattice.ground.lips is not None or isinstance(rule, TopplingRule):
         return
-    ends = [height[-1] - height[-2], height[0] - height[1]][: lattice.ground.sides]
-    outgrowth = int(max(ends))
-    if outgrowth > rule.threshold.max():
+    late = height[-max(1, len(height) // LATE) :].mean(axis=0)
+    outgrowth = max([late[-1] - late[-2], late[0] - late[1]][: lattice.ground.sides])
+    if outgrowth > rule.threshold.max() * lattice.unit:
+        contacts = "all" if rule.contacts == MANY else rule.contacts
         yield (
-            f"the wall column outgrew the pile by {outgrowth * lattice.unit:.3g} cm: the feed "
-            f"exceeds what the surface can capture with ca_model.contacts = {rule.contacts}"
+            f"the wall column outgrew the pile by {outgrowth:.3g} cm: the feed "
+            f"exceeds what the surface can capture with ca_model.contacts = {contacts}"
         )

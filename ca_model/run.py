@@ -60,7 +60,9 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
             wide=1,
         ),
     }
-    return assemble(experiment, "ca_model", arrays, notes(experiment.mixture, lattice, pile))
+    return assemble(
+        experiment, "ca_model", arrays, notes(experiment.mixture, lattice, arrays["height"])
+    )
 
 
 def _bare_pile(

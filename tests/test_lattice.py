@@ -311,6 +311,15 @@ def test_a_feed_that_outgrows_the_surface_is_reported() -> None:
     assert "comment" not in thin.attrs
 
 
+def test_a_wall_that_is_higher_only_at_the_last_moment_is_not_reported() -> None:
+    settings = ["cell.length=100.0", "feed.inflow=[1.6, 1.6]", "pour.duration=6225.0"]
+    variant = ["ca_model.contacts=all", "ca_model.arrivals=drawn", "pour.pile=1"]
+    archive = ca_model.pour(load("lattice-stratification", [*settings, *variant]))
+    last = archive["height"].isel(time=-1)
+    assert float(last[-1] - last[-2]) > 0.8, "the highest threshold, in cm"
+    assert "comment" not in archive.attrs
+
+
 def test_slopes_that_the_lattice_cannot_tell_apart_are_named() -> None:
     """Lattice slopes are whole numbers: what a repose slope does climbs a devil's staircase."""
     few = ("pour.duration=10.0", "pour.records=1")
