@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from ca_model.bits import Word, word_count
 from ca_model.deposit import Slab, slab_of
 from ca_model.lattice import Ground, Rule
-from ca_model.packets import Log, RankedRule, Slope, follow_packets, mark_all
+from ca_model.packets import follow_packets
+from ca_model.slope import Log, RankedRule, Slope, mark_all
 from ca_model.steps import Heap, take_steps
 from experiment.arrays import Ints
 
