@@ -7,10 +7,8 @@ packet k - 1 had not touched i + 1 yet. So what a packet adds to a column is wit
 of the uphill neighbour until the next packet has passed.
 
 The columns that would capture a species are bits of a set, so the next one on a packet's way is
-found by counting zeros: a packet costs its captures, not the length of its way.
-
-Columns are counted downhill from the source, as places; past the last comes a place that stops
-everything, the lip (a wall's last column does so itself). Species are numbered by rank, smallest 0.
+found by counting zeros: a packet costs its captures, not the length of its way. Most packets do
+not even come here: they are captured in a window of :mod:`ca_model.window`.
 """
 
 from numba import njit
@@ -39,14 +37,15 @@ WORTH_IT, LONGEST_PAUSE = Word(8), Word(64)  # packets
 
 
 @njit(cache=True, nogil=True, **UNCOUNTED)
-def follow_packets(pile: Slope, rule: RankedRule, log: Log, arrivals: Ints) -> None:
+def follow_packets(pile: Slope, rule: RankedRule, log: Log, arrivals: Ints) -> int:
     """Advance `pile` by one step per row of `arrivals` (step, rank), which are used up.
 
-    The log must have room for all grains that roll or arrive.
+    The log must have room for all grains that roll or arrive. Returns how many packets were
+    captured in windows.
     """
     packets = Word(pile.slope.size) + Word(arrivals.shape[0])
     has_windows = rule.percolation and len(rule.ranks) <= MOST_RANKS and fits(rule)
-    withheld, pause, next_try = log.length[0], ONE, EMPTY
+    withheld, pause, next_try, in_windows = log.length[0], ONE, EMPTY, EMPTY
     k = EMPTY if arrivals.shape[0] > 0 else packets
     while k < packets:
         queue = _queue(pile, arrivals, k)
@@ -56,8 +55,9 @@ def follow_packets(pile: Slope, rule: RankedRule, log: Log, arrivals: Ints) -> N
             withheld, own = passage.withheld, passage.own
             pause = ONE if passage.passed > WORTH_IT else min(LONGEST_PAUSE, pause + pause)
             k += passage.passed
+            in_windows += passage.passed
             next_try = k + pause
-            is_taken_up = passage.goes_on > EMPTY
+            is_taken_up = bool(passage.goes_on > EMPTY)
             if is_taken_up:
                 begin, reach = passage.goes_on, reach - passage.passed
             elif passage.passed > EMPTY:
@@ -71,6 +71,7 @@ def follow_packets(pile: Slope, rule: RankedRule, log: Log, arrivals: Ints) -> N
         withheld = own
         k += ONE
     show_uphill(pile, rule, log, withheld, log.length[0])
+    return int(in_windows)
 
 
 @inlined

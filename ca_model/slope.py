@@ -87,12 +87,14 @@ def end(pile: Slope) -> Whole:
 
 @inlined
 def is_captured(pile: Slope, rule: RankedRule, i: Whole, a: Whole) -> bool:
+    """Whether place i would capture a grain of rank a."""
     surface = Word(pile.top[i])
     return bool(pile.slope[i] < rule.threshold[surface * Word(len(rule.ranks)) + a])
 
 
 @inlined
 def capture(pile: Slope, rule: RankedRule, log: Log, i: Whole, a: Whole) -> None:
+    """Let a grain of rank a come to rest on place i, which is to be marked then."""
     log.grains[log.length[0]] = entry_of(pile, rule, i, a)
     log.length[0] += ONE
     pile.top[i] = a

@@ -3,7 +3,8 @@
 A set of the 64 places is a word, place 0 its lowest bit.
 """
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, cast
 
 from llvmlite import ir
 from numba import types
@@ -28,6 +29,9 @@ VECTOR, SET = (ir.VectorType(kind, PLACES) for kind in (BYTE, ir.IntType(1)))
 SPLAT = ir.Constant(ir.VectorType(INDEX, PLACES), [0] * PLACES)
 
 Bytes = Any  # 64 signed bytes, inside a kernel
+Operation = Callable[..., Any]
+
+operation = cast(Callable[[Operation], Operation], intrinsic)
 
 
 class BytesType(types.Type):
@@ -45,7 +49,7 @@ class BytesModel(models.PrimitiveModel):
     """They are an LLVM vector."""
 
     def __init__(self, manager: Any, of: types.Type) -> None:
-        super().__init__(manager, of, VECTOR)
+        super().__init__(manager, of, VECTOR)  # type: ignore[no-untyped-call]
 
 
 def _splat(builder: ir.IRBuilder, value: ir.Value, vector: ir.VectorType) -> ir.Value:
@@ -62,7 +66,7 @@ def _pointer(context: Any, builder: ir.IRBuilder, array: Any, of: Any, place: An
     return builder.bitcast(first, ir.VectorType(element, PLACES).as_pointer())
 
 
-@intrinsic
+@operation
 def splat(_: Any, value: Any) -> Any:
     """A whole number that a byte can hold, 64 times."""
 
@@ -72,49 +76,49 @@ def splat(_: Any, value: Any) -> Any:
     return BYTES(value), code
 
 
-@intrinsic
+@operation
 def plus(_: Any, a: Any, b: Any) -> Any:
     """Byte by byte."""
 
     def code(_: Any, builder: ir.IRBuilder, __: Any, given: Any) -> ir.Value:
         return builder.add(*given)
 
-    return BYTES(BYTES, BYTES), code
+    return BYTES(a, b), code
 
 
-@intrinsic
+@operation
 def minus(_: Any, a: Any, b: Any) -> Any:
     """Byte by byte."""
 
     def code(_: Any, builder: ir.IRBuilder, __: Any, given: Any) -> ir.Value:
         return builder.sub(*given)
 
-    return BYTES(BYTES, BYTES), code
+    return BYTES(a, b), code
 
 
-@intrinsic
+@operation
 def choose(_: Any, places: Any, there: Any, elsewhere: Any) -> Any:
     """The bytes of `there` at `places`, and of `elsewhere` at all others."""
 
     def code(_: Any, builder: ir.IRBuilder, __: Any, given: Any) -> ir.Value:
         return builder.select(builder.bitcast(given[0], SET), given[1], given[2])
 
-    return BYTES(types.uint64, BYTES, BYTES), code
+    return BYTES(places, there, elsewhere), code
 
 
-@intrinsic
+@operation
 def below(_: Any, a: Any, b: Any) -> Any:
     """The places where a < b."""
 
     def code(_: Any, builder: ir.IRBuilder, __: Any, given: Any) -> ir.Value:
         return builder.bitcast(builder.icmp_signed("<", *given), ir.IntType(PLACES))
 
-    return types.uint64(BYTES, BYTES), code
+    return types.uint64(a, b), code
 
 
-@intrinsic
+@operation
 def loaded(_: Any, array: Any, place: Any) -> Any:
-    """64 numbers of an array from `place` on; what a byte cannot hold is the nearest that it can."""
+    """64 numbers of an array from `place` on; what a byte cannot hold is the nearest it can."""
 
     def code(context: Any, builder: ir.IRBuilder, signature: Any, given: Any) -> ir.Value:
         pointer = _pointer(context, builder, signature.args[0], *given)
@@ -128,10 +132,10 @@ def loaded(_: Any, array: Any, place: Any) -> Any:
             values = builder.trunc(values, VECTOR)
         return values
 
-    return BYTES(array, types.uint64), code
+    return BYTES(array, place), code
 
 
-@intrinsic
+@operation
 def store(_: Any, array: Any, place: Any, values: Any) -> Any:
     """Put 64 numbers into an array from `place` on."""
 
@@ -142,14 +146,15 @@ def store(_: Any, array: Any, place: Any, values: Any) -> Any:
         builder.store(wide, pointer, align=1)
         return context.get_dummy_value()
 
-    return types.void(array, types.uint64, BYTES), code
+    return types.void(array, place, values), code
 
 
-@intrinsic
+@operation
 def each(_: Any, ranks: Any, value: Any) -> Any:
     """A tuple of `value` as long as the tuple `ranks`."""
 
     def code(context: Any, builder: ir.IRBuilder, signature: Any, given: Any) -> ir.Value:
         return context.make_tuple(builder, signature.return_type, [given[1]] * len(ranks))
 
-    return types.UniTuple(value, len(ranks))(ranks, value), code
+    tuple_of = types.UniTuple(value, len(ranks))  # type: ignore[no-untyped-call]
+    return tuple_of(ranks, value), code

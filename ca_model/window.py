@@ -33,20 +33,20 @@ class Queue(NamedTuple):
     """Packets that follow one after the other."""
 
     grains: Ints  # (row, rank), used up
-    row: Word  # of the first packet
-    onward: Word  # from one packet's row to the next one's: 1, or -1 as unsigned
-    count: Word
-    begin: Word  # the place where the first one begins; those after it do so no further down
-    reach: Word  # the last place that it touches; those after it come one less far each
+    row: Whole  # of the first packet
+    onward: Whole  # from one packet's row to the next one's: 1, or -1 as unsigned
+    packets: Whole
+    begin: Whole  # the place where the first one begins; those after it do so no further down
+    reach: Whole  # the last place that it touches; those after it come one less far each
 
 
 class Passage(NamedTuple):
     """How a queue came through the window."""
 
-    passed: Word  # packets that were captured as a whole
-    withheld: Word  # entry of the log where the last of them begins
-    own: Word  # and where the next one does
-    goes_on: Word  # the place from which the rest of that one goes on, or 0: it is still queueing
+    passed: Whole  # packets that were captured as a whole
+    withheld: Whole  # entry of the log where the last of them begins
+    own: Whole  # and where the next one does
+    goes_on: Whole  # the place from which the rest of that one goes on, or 0: it is still queueing
 
 
 class Surface(NamedTuple):
@@ -90,8 +90,8 @@ def pass_window(pile: Slope, rule: RankedRule, log: Log, queue: Queue, withheld:
     if base != NOWHERE and queue.begin <= base and last <= queue.reach:
         surface, can_open = _opened(pile, rule, log, base, withheld)
         if can_open:
-            count = min(queue.count, queue.reach - last + ONE)
-            queue = Queue(queue.grains, queue.row, queue.onward, count, queue.begin, queue.reach)
+            packets = min(queue.packets, queue.reach - last + ONE)
+            queue = Queue(queue.grains, queue.row, queue.onward, packets, queue.begin, queue.reach)
             if rule.contacts == 1:
                 return _pass(pile, rule, log, queue, base, withheld, surface, _at_once)
             return _pass(pile, rule, log, queue, base, withheld, surface, _one_by_one)
@@ -146,7 +146,8 @@ def _resurfaced(
     """The thresholds after a grain of rank a became the topmost of `places`."""
     for b in range(len(rule.ranks)):
         threshold = splat(rule.threshold[a * Word(len(rule.ranks)) + Word(b)])
-        thresholds = tuple_setitem(thresholds, b, choose(places, threshold, thresholds[b]))
+        new = choose(places, threshold, thresholds[b])
+        thresholds = tuple_setitem(thresholds, b, new)  # type: ignore[call-arg]  # as in bits
     return thresholds
 
 
@@ -177,7 +178,7 @@ def _pass(
     edge, least = Word(base > EMPTY), splat(-STEEPEST)
     row, passed, goes_on = queue.row, EMPTY, EMPTY
     own = length = log.length[0]
-    while passed < queue.count:
+    while passed < queue.packets:
         fresh = Surface(surface.slope, surface.top, splat(0), surface.thresholds)
         touch = Touch(fresh, length, EMPTY, ALL, 0)
         is_whole = True
