@@ -88,3 +88,30 @@ def test_most_packets_are_captured_in_windows(contacts, monkeypatch) -> None:
     setup = Setup(rule, ground, 75, grains, [100, 101, 10_000])
     assert poured(setup, 75) == poured(setup, None)
     assert sum(captured) > steps, "of two sides"
+
+
+def silo(rule: Rule, height: np.ndarray, grains: np.ndarray) -> Setup:
+    """These grains (step, species) arrive on the left of these columns."""
+    arrivals = np.stack([grains, np.zeros_like(grains)], axis=1)
+    return Setup(rule, Ground(height, 0, None, 2), 0, arrivals, [])
+
+
+def test_slopes_that_grow_too_steep_for_bytes_leave_the_window() -> None:
+    """The first column captures small grains, those behind it large ones, for many packets."""
+    rule = Rule(np.array([1, 20]), np.full((2, 2), 20), np.array([0, 1]), 1, percolation=True)
+    grains = np.zeros((300, 2), dtype=np.int64)
+    grains[200:] = 1
+    grains[200:260, 1] = np.repeat(np.arange(40, 20, -1), 3)
+    setup = silo(rule, 40 * np.arange(100), grains)
+    assert poured(setup, 0) == poured(setup, None)
+
+
+def test_a_column_that_captures_more_than_bytes_hold_keeps_the_window_closed() -> None:
+    """One packet fills a pit, whichever it is."""
+    rule = Rule(np.array([1]), np.array([[5]]), np.array([0]), MANY, percolation=True)
+    for packet in range(64):
+        grains = np.full((250, 1), 3)
+        grains[: 150 + packet] = 0
+        grains[150 + packet] = 215
+        setup = silo(rule, np.repeat([0, 200], [2, 98]), grains)
+        assert poured(setup, 0) == poured(setup, None)
