@@ -1,14 +1,14 @@
-"""The lattice's kernel beside the same rule in C, and beside what a step must cost at least.
+"""The lattice's kernel beside the same rule in C, a plain loop, and what a step must cost at least.
 
-lattice.c follows the packets of grains that roll together, one after the other; it looks for the
-next column that captures among bits, and so pays for captures, not for columns. What it must do
-for a capture is a bit found, a slope and two thresholds compared, twice (the column and its uphill
-neighbour), and four bytes of log written. The floor is the chain that no machine can shorten: the
-next packet meets what this one left. On this rule's bit sets that is a vector addition and a
-comparison, and the way of their bits from vector to scalar registers and back, measured here.
+Kernel and lattice.c follow the packets of grains that roll together, one after the other, through
+a window in vector registers, and pay for captures, not for columns; they take the same steps and
+both write the log of their grains. The plain loop is the rule as it is written: all columns in
+every step; it takes fewer steps. The floor is the chain that no machine can shorten: the next
+packet meets what this one left. On bit sets that is a vector addition and a comparison, and the way
+of their bits from vector to scalar registers and back, measured here.
 
 Everything is checked before it is timed: C against the reference, grain by grain, on small piles
-of one to eight species, and against the kernel on the piles that are timed.
+of one to eight species, and against kernel and plain loop on the piles that are timed.
 """
 
 import ctypes
@@ -21,12 +21,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from ca_model.kernel import Pile, advance
+from numba import njit
 from numpy.typing import NDArray
 
 from benchmarks.clock import once, seconds_in_turn
-from ca_model.lattice import MANY, Rule
+from ca_model.deposit import slab_of
+from ca_model.lattice import MANY, Ground, Rule
+from ca_model.packets import follow_packets
+from ca_model.pile import ranked_rule, slope_below
 from ca_model.reference import ReferencePile
+from ca_model.slope import Log, RankedRule, Slope, mark_all
 from experiment.arrays import Ints
 
 SOURCE = Path(__file__).with_name("lattice.c")
@@ -36,11 +40,13 @@ THRESHOLD = np.array([[4, 8], [1, 5]])
 GRAINS = (2, 1)  # a step, small and large
 WARM_UP = 300  # steps a column: about a hundred layers
 STEPS = {200: 200_000, 1000: 200_000, 10_000: 200_000, 100_000: 1_000_000}
-KERNEL_COLUMN_STEPS = 20_000_000
+PLAIN_COLUMN_STEPS = 20_000_000
 ENSEMBLE = 64
 ENSEMBLE_STEPS = {200: 40_000, 1000: 40_000, 10_000: 40_000}
 CHUNK = 500_000
 ROUNDS = 5
+STATE = ("height", "rolling", "top")
+NAMES = ("plain", "kernel", "C", "kernel, split", "C, split")
 
 
 class Pour(NamedTuple):
@@ -109,37 +115,6 @@ def in_c(library: ctypes.CDLL, pour: Pour) -> int:
     return int(job.logged)
 
 
-def stacked(library: ctypes.CDLL, pour: Pour, stacks: Pile) -> None:
-    """Take the steps of `pour` in C and put its grains on `stacks`."""
-    logged = in_c(library, pour)
-    arrays = (pour.log, stacks.stack, stacks.grains)
-    log, stack, grains = (ctypes.c_void_p(array.ctypes.data) for array in arrays)
-    places = ctypes.c_int64(stacks.stack.shape[1])
-    if library.split(log, ctypes.c_int64(logged), places, stack, grains):
-        raise RuntimeError("a stack has too few places")
-
-
-def kernel_pile(pour: Pour, places: int) -> Pile:
-    """The same pile for the kernel; what is on top before pouring is each stack's first grain."""
-    stack = np.zeros((len(pour.height), places), dtype=np.int8)
-    stack[:, 0] = pour.top
-    grains = np.ones(len(pour.height), dtype=np.int64)
-    return Pile(pour.height.copy(), pour.rolling.copy(), stack, grains, base_species=0)
-
-
-def in_numba(pour: Pour, pile: Pile, steps: int) -> None:
-    taken = advance(pile, pour.rule, pour.arrivals[:steps])
-    if taken != min(steps, len(pour.arrivals)):
-        raise RuntimeError(f"the kernel took {taken} of {steps} steps")
-
-
-def most_on_a_stack(library: ctypes.CDLL, pour: Pour) -> int:
-    """The places that `pour` needs: its largest stack, and what may reach it in a step."""
-    pour = fed(pour, pour.arrivals)
-    columns = pour.log[: in_c(library, pour)] >> 3
-    return int(np.bincount(columns).max() + pour.arrivals.sum(axis=1).max() * 2 + 64)
-
-
 def stratified(
     library: ctypes.CDLL, columns: int, contacts: int, feed: Callable[[int], Ints]
 ) -> Pour:
@@ -177,7 +152,7 @@ def agrees_with_reference(library: ctypes.CDLL, seed: int) -> bool:
     base = random.integers(0, 4) * np.arange(columns)[::-1]
     base = base + random.integers(0, random.integers(1, 12), columns)
     pour = straight(rule, columns)._replace(height=base)
-    reference = ReferencePile(rule, base, base_species=0)
+    reference = ReferencePile(rule, Ground(base, species=0))
     stacks: list[list[int]] = [[] for _ in base]
     for most in (20, 2, 2):  # grains a step, at times more than the surface captures
         steps = int(random.integers(1, 2 * columns))
@@ -185,60 +160,146 @@ def agrees_with_reference(library: ctypes.CDLL, seed: int) -> bool:
         for grain in pour.log[: in_c(library, pour)]:
             stacks[grain >> 3].append(int(grain & 7))
         for arriving in pour.arrivals:
-            reference.step(arriving)
+            reference.step(arriving[np.newaxis], 0)
+        rolling = np.sum(reference.rolling, axis=0).tolist()
         state = (pour.height.tolist(), pour.rolling.tolist(), stacks)
-        if state != (reference.heights, reference.rolling, reference.stacks):
+        if state != (reference.heights, rolling, reference.stacks):
             return False
     return True
 
 
-def agrees_with_kernel(library: ctypes.CDLL, pour: Pour, steps: int) -> bool:
-    ours = fed(pour, pour.arrivals[:steps])
-    places = most_on_a_stack(library, ours)
-    theirs, stacks = kernel_pile(ours, places), kernel_pile(ours, places)
-    in_numba(ours, theirs, steps)
-    stacked(library, ours, stacks)
-    return all(
-        np.array_equal(a, b)
-        for a, b in (
-            (ours.height, theirs.height),
-            (ours.rolling, theirs.rolling),
-            (stacks.stack, theirs.stack),
-            (stacks.grains, theirs.grains),
-        )
+class Poured(NamedTuple):
+    """The same pile for the kernel."""
+
+    slope: Slope
+    rule: RankedRule
+    log: Log
+    arrivals: Ints
+
+
+def for_kernel(pour: Pour) -> Poured:
+    rule = ranked_rule(pour.rule)
+    slope = slope_below(pour.rule, rule, Ground(pour.height, 0), np.arange(len(pour.height)), 1)
+    slope.top[:], slope.rolling[:] = pour.top, pour.rolling
+    mark_all(slope, rule)
+    log = Log(pour.log.view(np.int32).copy(), np.zeros(1, dtype=np.uint64))
+    return Poured(slope, rule, log, pour.arrivals.copy())
+
+
+def in_kernel(pile: Poured) -> NDArray[np.int32]:
+    """Take the steps in the kernel; returns its log, column * ranks + rank."""
+    follow_packets(*pile)
+    return pile.log.grains[: int(pile.log.length[0])]
+
+
+def split_by_kernel(pile: Poured) -> None:
+    slab_of(in_kernel(pile), len(pile.slope.slope), np.array(pile.rule.ranks))
+
+
+def split_in_c(library: ctypes.CDLL, pour: Pour, stacks: NDArray[np.int8]) -> None:
+    """Take the steps in C and put the grains on `stacks` (column, grain)."""
+    logged, grains = in_c(library, pour), np.zeros(len(stacks), dtype=np.int64)
+    pointers = (ctypes.c_void_p(array.ctypes.data) for array in (stacks, grains))
+    log, places = ctypes.c_void_p(pour.log.ctypes.data), ctypes.c_int64(stacks.shape[1])
+    if library.split(log, ctypes.c_int64(logged), places, *pointers):
+        raise RuntimeError("a stack has too few places")
+
+
+def plainly(pour: Pour) -> int:
+    """Take the steps of `pour` as the rule is written; returns how many grains came to rest."""
+    return int(plain_loop(*pour.rule[:2], pour.rule.contacts, *pour[1:]))
+
+
+@njit(nogil=True)
+def plain_loop(grain_height, threshold, contacts, height, rolling, top, arrivals, log) -> int:
+    columns, species = rolling.shape
+    length = 0
+    for step in range(len(arrivals)):
+        for i in range(columns - 1, 0, -1):
+            for a in range(species):
+                rolling[i, a] = rolling[i - 1, a]
+        for a in range(species):
+            rolling[0, a] = arrivals[step, a]
+        for i in range(columns):
+            a, touches = 0, 0
+            while a < species and touches < contacts:
+                if rolling[i, a] == 0:
+                    a += 1
+                elif i == columns - 1 or height[i] - height[i + 1] < threshold[a, top[i]]:
+                    rolling[i, a] -= 1
+                    height[i] += grain_height[a]
+                    top[i] = a
+                    log[length] = i << 3 | a
+                    length += 1
+                    touches += i < columns - 1
+                else:
+                    break
+    return length
+
+
+def agree(library: ctypes.CDLL, pour: Pour) -> bool:
+    """Whether C and kernel lay the same grains in the same order, and the plain loop as many."""
+    ours = fed(pour, pour.arrivals)
+    theirs = for_kernel(ours)
+    few = fed(pour, pour.arrivals[: PLAIN_COLUMN_STEPS // len(pour.height)])
+    plain = few._replace(**{name: getattr(few, name).copy() for name in STATE})
+    grains, of_c = in_kernel(theirs), ours.log[: in_c(library, ours)]
+    ranks = len(theirs.rule.ranks)
+    column, rank = np.divmod(grains, ranks)
+    in_c(library, few)
+    plainly(plain)
+    return (
+        np.array_equal(column << 3 | rank, of_c)
+        and np.array_equal(theirs.slope.rolling, ours.rolling)
+        and all(np.array_equal(getattr(few, name), getattr(plain, name)) for name in STATE)
     )
 
 
-def each(pours: Sequence[Pour], action: Callable[[int], object], threads: int) -> None:
+def each(piles: Sequence[object], action: Callable[[int], object], threads: int) -> None:
     with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(action, range(len(pours))))
+        list(pool.map(action, range(len(piles))))
 
 
-def compare(title: str, pours: Sequence[Pour], library: ctypes.CDLL, threads: int = 1) -> None:
-    """Time C and the kernel in turn on copies of `pours`; the latter takes fewer steps."""
-    columns, steps = len(pours[0].height), len(pours[0].arrivals)
-    fewer = min(steps, max(1, KERNEL_COLUMN_STEPS // columns // len(pours)))
-    places = max(most_on_a_stack(library, pour) for pour in pours)
+def times(library: ctypes.CDLL, pours: Sequence[Pour], threads: int) -> dict[str, float]:
+    """Nanoseconds a step of all, in turn on copies of `pours`."""
+    steps, few = len(pours[0].arrivals), max(1, PLAIN_COLUMN_STEPS // len(pours[0].height))
+    few = min(steps, few // len(pours))
+    most = max(
+        int(np.bincount(copy.log[: in_c(library, copy)] >> 3).max())
+        for copy in (fed(pour, pour.arrivals) for pour in pours)
+    )
 
-    def prepare() -> tuple[list[Pour], list[Pile]]:
-        copies = [fed(pour, pour.arrivals) for pour in pours]
-        return copies, [kernel_pile(pour, places) for pour in copies]
-
-    def in_all(action: Callable[[Pour, Pile], object]) -> Callable[..., object]:
-        return lambda on: each(pours, lambda n: action(on[0][n], on[1][n]), threads)
+    def prepare() -> list[tuple[Pour, Pour, Poured, NDArray[np.int8]]]:
+        return [
+            (
+                fed(pour, pour.arrivals),
+                fed(pour, pour.arrivals[:few]),
+                for_kernel(fed(pour, pour.arrivals)),
+                np.ones((len(pour.height), most), dtype=np.int8),
+            )
+            for pour in pours
+        ]
 
     actions = {
-        "kernel": in_all(lambda pour, pile: in_numba(pour, pile, fewer)),
-        "C": in_all(lambda pour, _: in_c(library, pour)),
-        "split": in_all(lambda pour, pile: stacked(library, pour, pile)),
+        "plain": lambda on: each(on, lambda n: plainly(on[n][1]), threads),
+        "kernel": lambda on: each(on, lambda n: in_kernel(on[n][2]), threads),
+        "C": lambda on: each(on, lambda n: in_c(library, on[n][0]), threads),
+        "kernel, split": lambda on: each(on, lambda n: split_by_kernel(on[n][2]), threads),
+        "C, split": lambda on: each(on, lambda n: split_in_c(library, on[n][0], on[n][3]), threads),
     }
     took = seconds_in_turn(prepare, actions, ROUNDS)
-    updates = {name: len(pours) * columns * steps for name in actions}
-    updates["kernel"] = len(pours) * columns * fewer
-    ns = {name: time / updates[name] * 1e9 for name, time in took.items()}
+    return {
+        name: time / len(pours) / (few if name == "plain" else steps) * 1e9
+        for name, time in took.items()
+    }
+
+
+def show(title: str, ns: dict[str, float]) -> None:
     print(
-        f"{title:44s} {ns['kernel']:8.3f} {ns['C']:9.5f} {ns['split']:9.5f} "
-        f"{ns['C'] * columns:9.1f} {ns['kernel'] / ns['C']:8.0f}"
+        f"{title:36s}"
+        + "".join(f"{ns[name]:14.1f}" for name in NAMES)
+        + f"{ns['kernel'] / ns['C']:8.2f}{ns['plain'] / ns['kernel']:9.0f}",
+        flush=True,
     )
 
 
@@ -246,6 +307,32 @@ def floor(library: ctypes.CDLL) -> float:
     """Nanoseconds of the chain from one packet to the next."""
     links = 1_000_000
     return min(once(lambda: library.chain(ctypes.c_int64(links))) for _ in range(10)) / links * 1e9
+
+
+def single_piles(library: ctypes.CDLL) -> None:
+    for kind, feed in {"fixed": fixed, "drawn": drawn(np.random.default_rng(0))}.items():
+        for contacts in (1, MANY):
+            touches = "all contacts" if contacts == MANY else f"{contacts} contact"
+            for columns, steps in STEPS.items():
+                pour = stratified(library, columns, contacts, feed)
+                pour = pour._replace(arrivals=feed(steps))
+                title = f"{columns} columns, {touches}, {kind}"
+                if not agree(library, pour):
+                    print(f"{title}: C, kernel and plain loop differ")
+                show(title, times(library, [pour], 1))
+
+
+def ensembles(library: ctypes.CDLL) -> None:
+    """Piles that begin alike, each with its own drawn feed."""
+    for columns, steps in ENSEMBLE_STEPS.items():
+        pour = stratified(library, columns, 1, fixed)
+        feeds = [drawn(np.random.default_rng(seed)) for seed in range(ENSEMBLE)]
+        pours = [pour._replace(arrivals=feed(steps)) for feed in feeds]
+        alone, both = (times(library, pours, threads) for threads in (1, 2))
+        show(f"{ENSEMBLE} piles, {columns} columns, 1 thread", alone)
+        show(f"{ENSEMBLE} piles, {columns} columns, 2 threads", both)
+        gain = ", ".join(f"{name} {alone[name] / both[name]:.2f}" for name in ("kernel", "C"))
+        print(f"    times faster on two threads: {gain}")
 
 
 def main() -> None:
@@ -257,25 +344,7 @@ def main() -> None:
         wrong = [seed for seed in range(96) if not agrees_with_reference(library, seed)]
         print(f"C differs from the reference on {len(wrong)} of 96 small piles {wrong or ''}")
         print(f"floor: the chain from packet to packet takes {floor(library):.1f} ns a step")
-        print(
-            f"{'ns a column-step':44s} {'kernel':>8s} {'C':>9s} {'and split':>9s} "
-            f"{'C, a step':>9s} {'k / C':>8s}"
-        )
-        feeds = {"fixed": fixed, "drawn": drawn(np.random.default_rng(0))}
-        for kind, feed in feeds.items():
-            for contacts in (1, MANY):
-                touches = "all contacts" if contacts == MANY else f"{contacts} contact"
-                for columns, steps in STEPS.items():
-                    pour = stratified(library, columns, contacts, feed)
-                    pour = pour._replace(arrivals=feed(steps))
-                    title = f"{columns} columns, {touches}, {kind}"
-                    if not agrees_with_kernel(library, pour, KERNEL_COLUMN_STEPS // columns):
-                        print(f"{title}: C differs from the kernel")
-                    compare(title, [pour], library)
-        for columns, steps in ENSEMBLE_STEPS.items():
-            feeds = [drawn(np.random.default_rng(seed)) for seed in range(ENSEMBLE)]
-            pours = [stratified(library, columns, 1, feed) for feed in feeds]
-            pours = [p._replace(arrivals=f(steps)) for p, f in zip(pours, feeds, strict=True)]
-            for threads in (1, 2):
-                title = f"{ENSEMBLE} piles, {columns} columns, {threads} thread"
-                compare(title + "s" * (threads > 1), pours, library, threads)
+        names = "".join(f"{name:>14s}" for name in NAMES)
+        print(f"{'ns a step':36s}{names}{'k / C':>8s}{'plain/k':>9s}")
+        single_piles(library)
+        ensembles(library)

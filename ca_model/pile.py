@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from ca_model.bits import Word, word_count
 from ca_model.deposit import Slab, slab_of
 from ca_model.lattice import Ground, Rule
-from ca_model.packets import Log, RankedRule, Slope, follow_packets, mark_all
+from ca_model.packets import follow_packets
+from ca_model.slope import Log, RankedRule, Slope, mark_all
 from ca_model.steps import Heap, take_steps
 from experiment.arrays import Ints
 
-__all__ = ["Pile"]
+__all__ = ["Pile", "ranked_rule", "slope_below"]
 
 LOG = 2**20  # grains
 
@@ -141,10 +142,10 @@ class BelowSource:
     """Below a source at rest: a slope on its right, one on its left, or both; they do not meet."""
 
     def __init__(self, rule: Rule, ground: Ground, source: int) -> None:
-        self._rule = _ranked(rule)
+        self._rule = ranked_rule(rule)
         columns = np.arange(len(ground.height))
-        self._right = _slope(rule, self._rule, ground, columns[source:], 1)
-        self._left = _slope(rule, self._rule, ground, columns[:source][::-1], -1)
+        self._right = slope_below(rule, self._rule, ground, columns[source:], 1)
+        self._left = slope_below(rule, self._rule, ground, columns[:source][::-1], -1)
 
     @property
     def height(self) -> Ints:
@@ -186,7 +187,7 @@ class BelowMovingSource:
     """Below a source that moves: grains roll to both sides everywhere."""
 
     def __init__(self, rule: Rule, ground: Ground) -> None:
-        self._rule = _ranked(rule)
+        self._rule = ranked_rule(rule)
         columns, ranks = len(ground.height), len(self._rule.ranks)
         lips = (0, 0) if ground.lips is None else ground.lips
         self._heap = Heap(
@@ -226,7 +227,8 @@ def _rank(rule: Rule, species: int) -> int:
     return int(np.flatnonzero(rule.smallest_first == species)[0])
 
 
-def _ranked(rule: Rule) -> RankedRule:
+def ranked_rule(rule: Rule) -> RankedRule:
+    """The rule as kernels take it."""
     species = rule.smallest_first
     return RankedRule(
         ranks=tuple(range(len(species))),
@@ -237,7 +239,9 @@ def _ranked(rule: Rule) -> RankedRule:
     )
 
 
-def _slope(rule: Rule, ranked: RankedRule, ground: Ground, columns: Ints, downhill: int) -> Slope:
+def slope_below(
+    rule: Rule, ranked: RankedRule, ground: Ground, columns: Ints, downhill: int
+) -> Slope:
     """The bare ground of `columns`, downhill from the source; nothing rolls, no grain rests."""
     places, ranks = len(columns), len(ranked.ranks)
     level = 0 if ground.lips is None else ground.lips[1 if downhill > 0 else 0]

@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ca_model.compiled import UNCOUNTED, inlined
-from ca_model.packets import Log, RankedRule
+from ca_model.slope import Log, RankedRule
 from experiment.arrays import Ints
 
 __all__ = ["Heap", "take_steps"]
