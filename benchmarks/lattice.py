@@ -27,10 +27,11 @@ from numpy.typing import NDArray
 from benchmarks.clock import once, seconds_in_turn
 from ca_model.deposit import slab_of
 from ca_model.lattice import MANY, Ground, Rule
+from ca_model.log import Log
 from ca_model.packets import follow_packets
 from ca_model.pile import ranked_rule, slope_below
 from ca_model.reference import ReferencePile
-from ca_model.slope import Log, RankedRule, Slope, mark_all
+from ca_model.slope import RankedRule, Slope, mark_all
 from experiment.arrays import Ints
 
 SOURCE = Path(__file__).with_name("lattice.c")
@@ -187,7 +188,7 @@ def for_kernel(pour: Pour) -> Poured:
 
 
 def in_kernel(pile: Poured) -> NDArray[np.int32]:
-    """Take the steps in the kernel; returns its log, column * ranks + rank."""
+    """Take the steps in the kernel; returns its log."""
     follow_packets(*pile)
     return pile.log.grains[: int(pile.log.length[0])]
 
@@ -244,12 +245,10 @@ def agree(library: ctypes.CDLL, pour: Pour) -> bool:
     few = fed(pour, pour.arrivals[: PLAIN_COLUMN_STEPS // len(pour.height)])
     plain = few._replace(**{name: getattr(few, name).copy() for name in STATE})
     grains, of_c = in_kernel(theirs), ours.log[: in_c(library, ours)]
-    ranks = len(theirs.rule.ranks)
-    column, rank = np.divmod(grains, ranks)
     in_c(library, few)
     plainly(plain)
     return (
-        np.array_equal(column << 3 | rank, of_c)
+        np.array_equal(grains >> 6 << 3 | grains & 63, of_c)
         and np.array_equal(theirs.slope.rolling, ours.rolling)
         and all(np.array_equal(getattr(few, name), getattr(plain, name)) for name in STATE)
     )

@@ -11,10 +11,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ca_model.bits import ONE
 from ca_model.lattice import Ground
+from ca_model.log import Entries, column_of, rank_of
 from experiment.arrays import Floats, Ints
 
-__all__ = ["Deposit", "Grains", "Slab", "section"]
+__all__ = ["Deposit", "Grains", "Slab", "count", "section", "slab_of"]
 
 Grains = NDArray[np.uint8]
 
@@ -50,21 +52,29 @@ class Deposit:
 
 
 @njit(cache=True, nogil=True)
-def slab_of(log: NDArray[np.int32], columns: int, species: Ints) -> Slab:
-    """Sort a log (column * ranks + rank) by columns; `species` (rank,) are numbered as wished."""
-    ranks = species.size
+def slab_of(log: Entries, columns: int, species: Ints) -> Slab:
+    """Sort a log by columns; the grains of rank r are of `species` (rank,)."""
     ends = np.zeros(columns + 1, dtype=np.int64)
     for entry in log:
-        ends[entry // ranks + 1] += 1
+        ends[column_of(entry) + ONE] += 1
     for i in range(columns):
         ends[i + 1] += ends[i]
     place = ends.copy()
     grains = np.empty(log.size, dtype=np.uint8)
     for entry in log:
-        i = entry // ranks
-        grains[place[i]] = species[entry - i * ranks]
-        place[i] += 1
+        column = column_of(entry)
+        grains[place[column]] = species[rank_of(entry)]
+        place[column] += 1
     return Slab(ends, grains)
+
+
+@njit(cache=True, nogil=True)
+def count(log: Entries, ranks: int) -> Ints:
+    """How many grains of each rank (rank,) a log holds."""
+    counts = np.zeros(ranks, dtype=np.int64)
+    for entry in log:
+        counts[rank_of(entry)] += 1
+    return counts
 
 
 def section(

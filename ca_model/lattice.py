@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from ca_model.arrivals import ArrivalKind
+from ca_model.log import MOST_RANKS
 from experiment import Experiment, Mixture, NotApplicableError, SetupError
 from experiment.arrays import Floats, Ints
 from experiment.fields import Part, Positive
@@ -26,7 +27,6 @@ ROUND_OFF = 1e-9
 MANY = 2**62
 MOST_COLUMNS = 10_000_000
 MOST_GRAINS = 1_000_000  # a step
-MOST_SPECIES = 64
 VARIANTS = {"contacts": "threshold", "percolation": "threshold", "threshold_spread": "toppling"}
 
 
@@ -219,8 +219,8 @@ def _check_that_the_rule_applies(experiment: Experiment, rule: str) -> None:
             min(speeds) == max(speeds)
         ),
         f"cell.start_composition = {start}: a lattice surface is of one species": max(start) == 1,
-        f"mixture.names: {mixture.species} species; the lattice knows at most {MOST_SPECIES}": (
-            mixture.species <= MOST_SPECIES
+        f"mixture.names: {mixture.species} species; the lattice knows at most {MOST_RANKS}": (
+            mixture.species <= MOST_RANKS
         ),
     }
     for reason, applies in limits.items():

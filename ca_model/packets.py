@@ -15,8 +15,8 @@ from numba import njit
 
 from ca_model.bits import EMPTY, ONE, Whole, Word, bit_of
 from ca_model.compiled import UNCOUNTED, inlined
+from ca_model.log import Log
 from ca_model.slope import (
-    Log,
     RankedRule,
     Slope,
     capture,

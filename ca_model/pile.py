@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ca_model.bits import Word, word_count
-from ca_model.deposit import Slab, slab_of
+from ca_model.deposit import Slab, count, slab_of
 from ca_model.lattice import Ground, Rule
+from ca_model.log import Entries, Log
 from ca_model.packets import follow_packets
-from ca_model.slope import Log, RankedRule, Slope, mark_all
+from ca_model.slope import RankedRule, Slope, mark_all
 from ca_model.steps import Heap, take_steps
 from experiment.arrays import Ints
 
@@ -124,12 +125,11 @@ class Pile:
         return self._by_species(self._counts)
 
     def _count(self) -> None:
-        new = self._entries[self._counted :] % len(self._species)
-        self._counts += np.bincount(new, minlength=len(self._species))
+        self._counts += count(self._entries[self._counted :], len(self._species))
         self._counted = len(self._entries)
 
     @property
-    def _entries(self) -> NDArray[np.int32]:
+    def _entries(self) -> Entries:
         return self._log.grains[: int(self._log.length[0])]
 
     def _by_species(self, ranked: Ints) -> Ints:

@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 
 from ca_model.bits import EMPTY, ONE, Whole, Word, bit_of, lowest, place_in_word, word_of
 from ca_model.compiled import UNCOUNTED, inlined
+from ca_model.log import Log, column_of, entry_of, rank_of
 from experiment.arrays import Ints
 
 __all__ = [
-    "Log",
     "RankedRule",
     "Slope",
     "capture",
     "end",
-    "entry_of",
+    "entry_at",
     "is_captured",
     "logged",
     "mark",
@@ -45,13 +45,6 @@ class RankedRule(NamedTuple):
     threshold: Ints  # (surface rank * ranks + rolling rank,)
     contacts: int
     percolation: bool
-
-
-class Log(NamedTuple):
-    """Where captured grains are put down."""
-
-    grains: NDArray[np.int32]  # column * ranks + rank, in the order of each column's captures
-    length: Words  # (1,) how many those are
 
 
 class Slope(NamedTuple):
@@ -95,31 +88,30 @@ def is_captured(pile: Slope, rule: RankedRule, i: Whole, a: Whole) -> bool:
 @inlined
 def capture(pile: Slope, rule: RankedRule, log: Log, i: Whole, a: Whole) -> None:
     """Let a grain of rank a come to rest on place i, which is to be marked then."""
-    log.grains[log.length[0]] = entry_of(pile, rule, i, a)
+    log.grains[log.length[0]] = entry_at(pile, i, a)
     log.length[0] += ONE
     pile.top[i] = a
     pile.slope[i] += rule.grain_height[a]
 
 
 @inlined
-def entry_of(pile: Slope, rule: RankedRule, i: Whole, a: Whole) -> Whole:
-    """A grain of rank a at place i, as the log tells it."""
-    return (pile.first + i * pile.downhill) * Word(len(rule.ranks)) + a
+def entry_at(pile: Slope, i: Whole, a: Whole) -> Whole:
+    """A grain of rank a at place i, as the log tells of it."""
+    return entry_of(pile.first + i * pile.downhill, a)
 
 
 @inlined
-def logged(pile: Slope, rule: RankedRule, log: Log, entry: Whole) -> tuple[Whole, Whole]:
-    """The place and rank of an entry of the log."""
-    ranks, grain = Word(len(rule.ranks)), Word(log.grains[entry])
-    column = grain // ranks
-    return (column - pile.first) * pile.downhill, grain - column * ranks
+def logged(pile: Slope, log: Log, k: Whole) -> tuple[Whole, Whole]:
+    """The place and rank of entry k of the log."""
+    entry = Word(log.grains[k])
+    return (column_of(entry) - pile.first) * pile.downhill, rank_of(entry)
 
 
 @inlined
 def show_uphill(pile: Slope, rule: RankedRule, log: Log, first: Whole, last: Whole) -> None:
     """Let the uphill neighbours feel what the log tells from entry `first` to before `last`."""
     for entry in range(first, last):
-        i, a = logged(pile, rule, log, entry)
+        i, a = logged(pile, log, entry)
         if i > EMPTY:
             pile.slope[i - ONE] -= rule.grain_height[a]
             mark(pile, rule, i - ONE)

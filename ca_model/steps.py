@@ -11,8 +11,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ca_model.bits import ONE, Word
 from ca_model.compiled import UNCOUNTED, inlined
-from ca_model.slope import Log, RankedRule
+from ca_model.log import Log, entry_of
+from ca_model.slope import RankedRule
 from experiment.arrays import Ints
 
 __all__ = ["Heap", "take_steps"]
@@ -120,7 +122,7 @@ def _is_captured(pile: Heap, rule: RankedRule, side: int, i: int, a: int) -> boo
 @inlined
 def _capture(pile: Heap, rule: RankedRule, log: Log, side: int, i: int, a: int) -> None:
     pile.rolling[side, 1 + i, a] -= 1
-    log.grains[log.length[0]] = i * len(rule.ranks) + a
-    log.length[0] += np.uint64(1)
+    log.grains[log.length[0]] = entry_of(Word(i), Word(a))
+    log.length[0] += ONE
     pile.top[i] = a
     pile.height[1 + i] += rule.grain_height[a]

@@ -15,7 +15,8 @@ from numba.cpython.unsafe.tuple import tuple_setitem
 
 from ca_model.bits import EMPTY, ONE, Whole, Word, bit_of, lowest
 from ca_model.compiled import inlined
-from ca_model.slope import Log, RankedRule, Slope, end, entry_of, logged, mark_places, next_place
+from ca_model.log import Log
+from ca_model.slope import RankedRule, Slope, end, entry_at, logged, mark_places, next_place
 from ca_model.vectors import PLACES, Bytes, below, choose, each, loaded, minus, plus, splat, store
 from experiment.arrays import Ints
 
@@ -106,7 +107,7 @@ def _opened(
     slope, top, held = loaded(pile.slope, base), loaded(pile.top, base), splat(0)
     outside = below(slope, splat(-STEEPEST)) | below(splat(STEEPEST), slope)
     for entry in range(withheld, log.length[0]):
-        downhill, a = logged(pile, rule, log, entry)
+        downhill, a = logged(pile, log, entry)
         place = downhill - ONE - base
         if place < WIDE:
             higher = plus(held, splat(rule.grain_height[a]))
@@ -223,7 +224,7 @@ def _at_once(
         bit = places & (~places + ONE)
         places ^= bit
         taken |= bit
-        log.grains[length] = entry_of(pile, rule, base + lowest(bit), a)
+        log.grains[length] = entry_at(pile, base + lowest(bit), a)
         length += ONE
         left -= 1
     surface = _laid(rule, touch.surface, taken, a)
@@ -248,7 +249,7 @@ def _one_by_one(
         bit = places & (~places + ONE)
         contacts = touch.contacts + 1 if touch.captured & bit != EMPTY else 1
         onward = ~(bit - ONE) if contacts < rule.contacts else ~((bit << ONE) - ONE)
-        log.grains[touch.length] = entry_of(pile, rule, base + lowest(bit), a)
+        log.grains[touch.length] = entry_at(pile, base + lowest(bit), a)
         surface = _laid(rule, touch.surface, bit, a)
         touch = Touch(surface, touch.length + ONE, touch.captured | bit, onward, contacts)
         places = below(surface.slope, surface.thresholds[a]) & onward

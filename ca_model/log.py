@@ -1,0 +1,41 @@
+"""The log that kernels put captured grains down in: each an integer, its column and its rank."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ca_model.bits import Whole, Word
+from ca_model.compiled import inlined
+
+__all__ = ["MOST_RANKS", "Entries", "Log", "column_of", "entry_of", "rank_of"]
+
+MOST_RANKS = 64
+RANK_BITS, RANK = Word(6), Word(MOST_RANKS - 1)
+
+Entries = NDArray[np.int32]
+
+
+class Log(NamedTuple):
+    """Captured grains, those of a column in the order in which it captured them."""
+
+    grains: Entries  # (grain,), used as far as
+    length: NDArray[np.uint64]  # (1,) tells
+
+
+@inlined
+def entry_of(column: Whole, rank: Whole) -> Whole:
+    """How the log tells of a grain."""
+    return (column << RANK_BITS) | rank
+
+
+@inlined
+def column_of(entry: Whole) -> Whole:
+    """Where the grain of an entry came to rest."""
+    return Word(entry) >> RANK_BITS
+
+
+@inlined
+def rank_of(entry: Whole) -> Whole:
+    """Of what rank it is."""
+    return Word(entry) & RANK
