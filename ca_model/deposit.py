@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from ca_model.lattice import Ground, Rule
 from experiment.arrays import Floats, Ints
 
-__all__ = ["Deposit", "Grains", "Slab", "section"]
+__all__ = ["Deposit", "Grains", "Slab", "count", "section", "slab_of"]
 
 Grains = NDArray[np.uint8]
+Volume = NDArray[np.int32] | NDArray[np.int64]  # units of height
 
 
 class Slab(NamedTuple):
@@ -28,6 +29,11 @@ class Slab(NamedTuple):
     def share(self, i: int) -> Grains:
         """The species of what column i captured, from below."""
         return self.grains[self.ends[i] : self.ends[i + 1]]
+
+    def columns(self, first: int, last: int) -> "Slab":
+        """The part of it from column `first` up to `last`."""
+        ends = self.ends[first : last + 1]
+        return Slab(ends - ends[0], self.grains[ends[0] : ends[-1]])
 
 
 class Deposit:
@@ -47,6 +53,15 @@ class Deposit:
     def stack(self, i: int) -> Grains:
         """The species of the grains of column i, lowest first."""
         return np.concatenate([np.zeros(0, np.uint8), *(slab.share(i) for slab in self.slabs)])
+
+
+@njit(cache=True, nogil=True)
+def count(log: NDArray[np.int32], ranks: int) -> Ints:
+    """How many grains of each rank (rank,) a log holds."""
+    counts = np.zeros(ranks, dtype=np.int64)
+    for entry in log:
+        counts[entry % ranks] += 1
+    return counts
 
 
 @njit(cache=True, nogil=True)
@@ -72,9 +87,11 @@ def section(
 ) -> Floats:
     """Composition of what was poured, (z, x, species), on a grid of `shape` (z, x).
 
-    Its cells are `units` high and `wide` columns wide. NaN where nothing was poured.
+    Its cells are `units` high and `wide` columns wide. NaN where nothing was poured. Raises
+    IndexError for grains that lie outside.
     """
-    volume = np.zeros((*shape, len(rule.grain_height)), dtype=np.int32)
+    counts = np.int32 if units * wide < 2**31 else np.int64
+    volume = np.zeros((*shape, len(rule.grain_height)), dtype=counts)
     height = ground.height.copy()
     for slab in slabs:
         _fill(volume, height, slab, rule.grain_height, units, wide)
@@ -84,9 +101,9 @@ def section(
     return fraction
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, boundscheck=True)
 def _fill(
-    volume: NDArray[np.int32], height: Ints, slab: Slab, grain_height: Ints, units: int, wide: int
+    volume: Volume, height: Ints, slab: Slab, grain_height: Ints, units: int, wide: int
 ) -> None:
     """Add a slab's grains to the cells they lie in, on columns of `height`, unit by unit."""
     for i in range(height.size):

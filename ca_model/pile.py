@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from ca_model.deposit import Slab, slab_of
+from ca_model.deposit import Slab, count, slab_of
 from ca_model.kernel import FRAME, LOGGED, RankedRule, State, advance, mark_all
 from ca_model.lattice import Ground, Rule
 from experiment.arrays import Ints
@@ -77,8 +77,7 @@ class Pile:
     @property
     def grains_at_rest(self) -> Ints:
         """Grains (species,) in the stacks."""
-        ranks = len(self._species)
-        return self._laid + self._by_species(np.bincount(self._log % ranks, minlength=ranks))
+        return self._laid + self._by_species(count(self._log, len(self._species)))
 
     @property
     def _log(self) -> NDArray[np.int32]:

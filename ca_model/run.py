@@ -17,7 +17,7 @@ from experiment.archive import assemble
 from experiment.arrays import Floats, Ints
 from experiment.recorder import Recorder, edges_of_steps, record_steps
 
-__all__ = ["check", "pour", "pour_many"]
+__all__ = ["check", "pour", "pour_many", "recorded"]
 
 
 def check(experiment: Experiment) -> None:
@@ -34,6 +34,24 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     lattice = lattice_of(experiment)
     deposit = Deposit()
     pile = Pile(lattice.rule, lattice.ground, deposit.lay)
+    arrays = recorded(experiment, lattice, pile, progress)
+    cells = max(2, int(pile.height.max()))
+    arrays |= {
+        "z": (np.arange(cells) + 0.5) * lattice.unit,
+        "deposit_fraction": section(
+            deposit, lattice.rule, lattice.ground, (cells, lattice.columns), units=1, wide=1
+        ),
+    }
+    return assemble(experiment, "ca_model", arrays, notes(experiment.mixture, lattice, pile))
+
+
+def recorded(
+    experiment: Experiment,
+    lattice: Lattice,
+    pile: Pile,
+    progress: Callable[[float], object] | None,
+) -> dict[str, Floats]:
+    """Pour onto `pile`; what an archive tells of it but for the deposit, which the pile lays."""
     steps = record_steps(experiment.pour, lattice.step)
     recorder = Recorder(len(steps), lattice.columns, experiment.mixture.species)
     feeding = Feeding(experiment, lattice)
@@ -44,16 +62,10 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
         if progress is not None:
             progress((record + 1) / len(steps))
     pile.flush()
-    cells = max(2, int(pile.height.max()))
-    arrays = recorder.arrays | {
+    return recorder.arrays | {
         "x": lattice.x,
-        "z": (np.arange(cells) + 0.5) * lattice.unit,
         "base_height": lattice.ground.height * lattice.unit,
-        "deposit_fraction": section(
-            deposit, lattice.rule, lattice.ground, (cells, lattice.columns), units=1, wide=1
-        ),
     }
-    return assemble(experiment, "ca_model", arrays, notes(experiment.mixture, lattice, pile))
 
 
 class Feeding:
@@ -81,7 +93,7 @@ class Feeding:
         for edges in edges_of_steps(self.steps, step, self.lattice.step):
             rates = self.feed.mean_thickness(edges) / self.lattice.grain_thickness
             grains = np.stack([side.take(rates) for side in self.arrivals], axis=1)
-            self.poured += grains.sum(axis=(0, 1))
+            self.poured += [grains[..., a].sum() for a in range(self.poured.size)]
             yield grains, self._source(edges)
         self.steps = step
 
