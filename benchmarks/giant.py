@@ -1,8 +1,8 @@
 """A giant pile: 10^5 columns and 10^9 grains, poured to disk, and a coarse picture of it.
 
-The grains of the lattice-stratification preset roll down a start slope of 0.4, which is 40 times
-as high as what is poured onto it: the picture counts heights from there. Its layers are a dozen
-grains thick, a thousandth of the pile, so no pixel of the whole pile shows them. Beneath it are
+The grains of the lattice-stratification preset roll down a start slope of 0.4, which is 30 times
+as high as what is poured onto it: the picture counts heights from there. A pair of layers is some
+ten grains thick, a thousandth of the pile, so no pixel of the whole pile shows them. Beneath it are
 drawn the lowest 30 cm of it, all along, and 30 cm of 10 m in its middle.
 """
 
@@ -66,6 +66,5 @@ def main() -> None:
     print(f"  on disk                  {size / 1e6:8.0f} MB, {size / GRAINS:.3f} bytes a grain")
     start = time.perf_counter()
     picture = draw(path)
-    print(
-        f"drawn in {time.perf_counter() - start:.0f} s, peak memory {peak_memory():.0f} MB: {picture}"
-    )
+    took = time.perf_counter() - start
+    print(f"{picture} drawn in {took:.0f} s, peak memory {peak_memory():.0f} MB")
