@@ -3,9 +3,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 PRESETS := makse-stratification makse-segregation glass-sugar lattice-stratification
-KERNELS := $(wildcard ca_model/*.py continuum/*.py)
+KERNELS := $(wildcard ca_model/*.py ca_model/toppling/*.py continuum/*.py)
 
-.PHONY: run test lint bench picture lock clean
+.PHONY: run test lint bench giant picture lock clean
 
 run: .venv/.run .venv/.kernels
 	@$(MAKE) --no-print-directory -j2 --output-sync $(PRESETS:%=pour/%)
@@ -24,6 +24,10 @@ lint: .venv/.test
 
 bench: .venv/.bench .venv/.kernels
 	@$(BIN)/python -m benchmarks
+
+# 10^5 columns and 10^9 grains, some minutes; pours/giant.nc and its picture.
+giant: .venv/.bench .venv/.kernels
+	@$(BIN)/python -m benchmarks giant
 
 # The README's picture, from the archives of `make run`.
 picture: run

@@ -19,6 +19,7 @@ from experiment.arrays import Floats, Ints
 __all__ = ["Deposit", "Grains", "Slab", "count", "section", "slab_of"]
 
 Grains = NDArray[np.uint8]
+Volume = NDArray[np.int32] | NDArray[np.int64]  # units of height
 
 
 class Slab(NamedTuple):
@@ -30,6 +31,11 @@ class Slab(NamedTuple):
     def share(self, i: int) -> Grains:
         """The species of what column i captured, from below."""
         return self.grains[self.ends[i] : self.ends[i + 1]]
+
+    def columns(self, first: int, last: int) -> "Slab":
+        """The part of it from column `first` up to `last`."""
+        ends = self.ends[first : last + 1]
+        return Slab(ends - ends[0], self.grains[ends[0] : ends[-1]])
 
 
 class Deposit:
@@ -87,9 +93,11 @@ def section(
 ) -> Floats:
     """Composition of what was poured, (z, x, species), on a grid of `shape` (z, x).
 
-    Its cells are `units` high and `wide` columns wide. NaN where nothing was poured.
+    Its cells are `units` high and `wide` columns wide. NaN where nothing was poured. Raises
+    IndexError for grains that lie outside.
     """
-    volume = np.zeros((*shape, len(grain_height)), dtype=np.int32)
+    counts = np.int32 if units * wide < 2**31 else np.int64
+    volume = np.zeros((*shape, len(grain_height)), dtype=counts)
     height = ground.height.copy()
     for slab in slabs:
         _fill(volume, height, slab, grain_height, units, wide)
@@ -99,9 +107,9 @@ def section(
     return fraction
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, boundscheck=True)
 def _fill(
-    volume: NDArray[np.int32], height: Ints, slab: Slab, grain_height: Ints, units: int, wide: int
+    volume: Volume, height: Ints, slab: Slab, grain_height: Ints, units: int, wide: int
 ) -> None:
     """Add a slab's grains to the cells they lie in, on columns of `height`, unit by unit."""
     for i in range(height.size):

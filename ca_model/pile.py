@@ -15,7 +15,7 @@ from ca_model.slope import RankedRule, Slope, mark_all
 from ca_model.steps import Heap, take_steps
 from experiment.arrays import Ints
 
-__all__ = ["Pile", "ranked_rule", "slope_below"]
+__all__ = ["LOG", "Pile", "ranked_rule", "slope_below"]
 
 LOG = 2**20  # grains
 

@@ -11,7 +11,7 @@ from ca_model.arrivals import Arrivals
 from ca_model.deposit import Deposit, Slab, section
 from ca_model.lattice import Lattice, TopplingRule, lattice_of
 from ca_model.notes import notes
-from ca_model.pile import Pile
+from ca_model.pile import LOG, Pile
 from ca_model.toppling.kernel import random_state
 from ca_model.toppling.pile import ToppledPile
 from experiment import Experiment
@@ -19,7 +19,7 @@ from experiment.archive import assemble
 from experiment.arrays import Floats, Ints
 from experiment.recorder import Recorder, edges_of_steps, record_steps
 
-__all__ = ["check", "pour", "pour_many"]
+__all__ = ["bare_pile", "check", "pour", "pour_many", "recorded"]
 
 
 def check(experiment: Experiment) -> None:
@@ -35,7 +35,39 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     """
     lattice = lattice_of(experiment)
     deposit = Deposit()
-    pile = _bare_pile(experiment, lattice, deposit.lay)
+    pile = bare_pile(experiment, lattice, deposit.lay)
+    arrays = recorded(experiment, lattice, pile, progress)
+    cells = max(2, int(pile.height.max()))
+    grain_height, ground = lattice.rule.grain_height, lattice.ground
+    arrays |= {
+        "z": (np.arange(cells) + 0.5) * lattice.unit,
+        "deposit_fraction": section(
+            deposit, grain_height, ground, (cells, lattice.columns), units=1, wide=1
+        ),
+    }
+    told = notes(experiment.mixture, lattice, arrays["height"])
+    return assemble(experiment, "ca_model", arrays, told)
+
+
+def bare_pile(
+    experiment: Experiment, lattice: Lattice, lay: Callable[[Slab], object], log: int = LOG
+) -> Pile | ToppledPile:
+    """The pile before pouring, of the rule and below the source that the set-up asks for."""
+    rule, ground, source = lattice.rule, lattice.ground, experiment.feed.source
+    if isinstance(rule, TopplingRule):
+        random = random_state(experiment.pour.seed, experiment.pour.pile)
+        return ToppledPile(rule, ground, lay, random)
+    middle = int(lattice.column_after(np.zeros(1))[0])
+    return Pile(rule, ground, lay, source=middle if source is None else None, log=log)
+
+
+def recorded(
+    experiment: Experiment,
+    lattice: Lattice,
+    pile: Pile | ToppledPile,
+    progress: Callable[[float], object] | None,
+) -> dict[str, Floats]:
+    """Pour onto `pile`; what an archive tells of it but for the deposit, which the pile lays."""
     steps = record_steps(experiment.pour, lattice.step)
     recorder = Recorder(len(steps), lattice.columns, experiment.mixture.species)
     feeding = Feeding(experiment, lattice)
@@ -46,34 +78,10 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
         if progress is not None:
             progress((record + 1) / len(steps))
     pile.flush()
-    cells = max(2, int(pile.height.max()))
-    arrays = recorder.arrays | {
+    return recorder.arrays | {
         "x": lattice.x,
-        "z": (np.arange(cells) + 0.5) * lattice.unit,
         "base_height": lattice.ground.height * lattice.unit,
-        "deposit_fraction": section(
-            deposit,
-            lattice.rule.grain_height,
-            lattice.ground,
-            (cells, lattice.columns),
-            units=1,
-            wide=1,
-        ),
     }
-    return assemble(
-        experiment, "ca_model", arrays, notes(experiment.mixture, lattice, arrays["height"])
-    )
-
-
-def _bare_pile(
-    experiment: Experiment, lattice: Lattice, lay: Callable[[Slab], object]
-) -> Pile | ToppledPile:
-    rule, ground, source = lattice.rule, lattice.ground, experiment.feed.source
-    if isinstance(rule, TopplingRule):
-        random = random_state(experiment.pour.seed, experiment.pour.pile)
-        return ToppledPile(rule, ground, lay, random)
-    middle = int(lattice.column_after(np.zeros(1))[0])
-    return Pile(rule, ground, lay, source=middle if source is None else None)
 
 
 class Feeding:
@@ -101,7 +109,7 @@ class Feeding:
         for edges in edges_of_steps(self.steps, step, self.lattice.step):
             rates = self.feed.mean_thickness(edges) / self.lattice.grain_thickness
             grains = np.stack([side.take(rates) for side in self.arrivals], axis=1)
-            self.poured += grains.sum(axis=(0, 1))
+            self.poured += [grains[..., a].sum() for a in range(self.poured.size)]
             yield grains, self._source(edges)
         self.steps = step
 

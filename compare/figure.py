@@ -1,6 +1,7 @@
 """Pictures of archives: the deposit, and the kymograph of rolling grains with its lines."""
 
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-__all__ = ["draw", "draw_deposit", "draw_kymograph", "save"]
+__all__ = ["draw", "draw_deposit", "draw_kymograph", "save", "style"]
 
 KINK: dict[str, Any] = {"color": "#d55e00", "linewidth": 1.6}
 FRONT: dict[str, Any] = {"color": "#0072b2", "linewidth": 1.6}
@@ -30,10 +31,9 @@ MODEL_NAMES = {"ca_model": "lattice", "continuum": "continuum"}
 
 def draw(archives: Sequence[xr.Dataset]) -> "Figure":
     """One column for each archive: its deposit above, its kymograph below."""
-    import matplotlib
     from matplotlib.figure import Figure
 
-    with matplotlib.rc_context(fname=str(files(__package__) / "stratify.mplstyle")):
+    with style():
         figure = Figure(figsize=(5.2 * len(archives), 7.2))
         axes = figure.subplots(2, len(archives), squeeze=False)
         for column, archive in zip(axes.T, archives, strict=True):
@@ -43,6 +43,13 @@ def draw(archives: Sequence[xr.Dataset]) -> "Figure":
         if any(why_not_measured(archive) is None for archive in archives):
             figure.legend(handles=_line_styles(), loc="outside lower center", ncols=3)
     return figure
+
+
+def style() -> AbstractContextManager[None]:
+    """Within it, pictures are drawn in the style of this house."""
+    import matplotlib
+
+    return matplotlib.rc_context(fname=str(files(__package__) / "stratify.mplstyle"))
 
 
 def draw_deposit(axes: "Axes", archive: xr.Dataset) -> None:

@@ -5,10 +5,12 @@ not know; :func:`write` puts it under its final name only once it is complete; :
 whatever is not such a file.
 """
 
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -19,11 +21,24 @@ from experiment.experiment import Experiment
 from experiment.files import whole_file
 from experiment.variables import COORDINATES, VARIABLES, Variable
 
-__all__ = ["assemble", "experiment_of", "read", "write", "write_whole"]
+__all__ = [
+    "assemble",
+    "check",
+    "experiment_of",
+    "lay_out",
+    "load",
+    "read",
+    "reading",
+    "store",
+    "write",
+    "write_whole",
+]
 
 CONVENTIONS = "CF-1.11"
 REFERENCES = "H. A. Makse, Phys. Rev. E 56, 7008 (1997), doi:10.1103/PhysRevE.56.7008"
 MODELS = ("ca_model", "continuum")
+STORED: dict[str, Any] = {"zlib": True, "complevel": 1, "fletcher32": True, "_FillValue": None}
+AS_BYTES: dict[str, Any] = {"dtype": "u1", "_FillValue": np.uint8(255), "complevel": 6}
 ATTRIBUTES = ("Conventions", "title", "source", "history", "references", "model", "experiment")
 
 
@@ -39,6 +54,16 @@ def assemble(
     not already tell; `attributes` are the model's own notes on the run. Raises
     :class:`ArchiveError` for a name that is not in the table, a missing one, or a wrong shape.
     """
+    return check(lay_out(experiment, model, arrays, attributes))
+
+
+def lay_out(
+    experiment: Experiment,
+    model: str,
+    arrays: dict[str, NDArray[Any]],
+    attributes: dict[str, Any],
+) -> xr.Dataset:
+    """As :func:`assemble`, of as much of an archive as there is."""
     known = _told_by(experiment) | arrays
     table = COORDINATES | VARIABLES
     stray = [name for name in known if name not in table]
@@ -46,31 +71,32 @@ def assemble(
         raise ArchiveError(f"{stray[0]!r} is no variable of the archive; known: {', '.join(table)}")
     now = datetime.now(UTC).isoformat(timespec="seconds")
     release = version("stratify")
-    return check(
-        xr.Dataset(
-            {
-                name: _data_array(VARIABLES[name], known[name])
-                for name in VARIABLES
-                if name in known
-            },
-            {name: _data_array(COORDINATES[name], known[name]) for name in COORDINATES},
-            {
-                "Conventions": CONVENTIONS,
-                "title": experiment.title,
-                "source": f"{model} of stratify {release}",
-                "history": f"{now} poured by stratify {release}",
-                "references": REFERENCES,
-                "model": model,
-                "experiment": experiment.to_toml(),
-                "seed": experiment.pour.seed,
-                **attributes,
-            },
-        )
+    return xr.Dataset(
+        {name: _data_array(VARIABLES[name], known[name]) for name in VARIABLES if name in known},
+        {
+            name: _data_array(COORDINATES[name], known[name])
+            for name in COORDINATES
+            if name in known
+        },
+        {
+            "Conventions": CONVENTIONS,
+            "title": experiment.title,
+            "source": f"{model} of stratify {release}",
+            "history": f"{now} poured by stratify {release}",
+            "references": REFERENCES,
+            "model": model,
+            "experiment": experiment.to_toml(),
+            "seed": experiment.pour.seed,
+            **attributes,
+        },
     )
 
 
-def check(dataset: xr.Dataset) -> xr.Dataset:
-    """Return `dataset` if it is an archive as the table says; else raise :class:`ArchiveError`."""
+def check(dataset: xr.Dataset, absent: Collection[str] = ()) -> xr.Dataset:
+    """Return `dataset` if it is an archive as the table says; else raise :class:`ArchiveError`.
+
+    Variables that are `absent` need not be there.
+    """
     for name in ATTRIBUTES:
         if name not in dataset.attrs:
             raise ArchiveError(f"attribute {name!r} is missing")
@@ -79,9 +105,9 @@ def check(dataset: xr.Dataset) -> xr.Dataset:
     for variable in (COORDINATES | VARIABLES).values():
         if variable.name in dataset.variables:
             _check_variable(dataset[variable.name], variable)
-        elif not variable.optional:
+        elif not variable.optional and variable.name not in absent:
             raise ArchiveError(f"variable {variable.name!r} is missing")
-    for name in ("time", "x", "z"):
+    for name in (name for name in ("time", "x", "z") if name not in absent):
         if dataset.sizes[name] < 2 or not (np.diff(dataset[name].values) > 0).all():
             raise ArchiveError(f"{name} should have at least 2 values, and grow")
     return dataset
@@ -93,14 +119,19 @@ def write_whole(dataset: xr.Dataset, path: Path, *, force: bool = False) -> Path
     Raises :class:`OutputExistsError` where `path` exists and `force` is not given, and
     :class:`ArchiveError` where it cannot be written.
     """
+    with whole_file(path, force=force) as part:
+        store(dataset, part)
+    return path
+
+
+def store(dataset: xr.Dataset, path: Path, mode: Literal["w", "a"] = "w") -> None:
+    """Put `dataset` into the netCDF-4 file `path`, a new one or (a) one that holds more."""
     encoding = {
-        name: {"zlib": True, "complevel": 1, "fletcher32": True, "_FillValue": None}
+        name: STORED | (AS_BYTES if _is_pure(values) else {})
         for name, values in dataset.variables.items()
         if values.dtype.kind == "f" and values.ndim > 0
     }
-    with whole_file(path, force=force) as part:
-        dataset.to_netcdf(part, format="NETCDF4", engine="netcdf4", encoding=encoding)
-    return path
+    dataset.to_netcdf(path, mode, format="NETCDF4", engine="netcdf4", encoding=encoding)
 
 
 def write(dataset: xr.Dataset, path: Path, *, force: bool = False) -> Path:
@@ -110,24 +141,44 @@ def write(dataset: xr.Dataset, path: Path, *, force: bool = False) -> Path:
 
 def read(path: Path) -> xr.Dataset:
     """The archive at `path`, loaded. Raises :class:`ArchiveError` where it is not a whole one."""
+    return load(path)
+
+
+def load(path: Path, absent: Collection[str] = (), beside: Collection[str] = ()) -> xr.Dataset:
+    """As :func:`read`, of an archive that lacks what is `absent`; what it has `beside` is left."""
+    with reading(path):
+        with xr.open_dataset(path, engine="netcdf4", drop_variables=beside) as stored:
+            dataset = stored.load()
+        check(dataset, absent)
+        _check_experiment(dataset)
+    return dataset
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Raise :class:`ArchiveError` where what is read from `path` is not that of a whole archive."""
     if not path.is_file():
         raise ArchiveError(f"{str(path)!r}: no such archive")
     try:
-        with xr.open_dataset(path, engine="netcdf4") as stored:
-            dataset = stored.load()
-        check(dataset)
-        _check_experiment(dataset)
+        yield
     except StratifyError as error:
         raise ArchiveError(f"{str(path)!r} is not an archive of a pour: {error}") from None
-    except (OSError, RuntimeError, ValueError, AttributeError, KeyError) as error:
+    except (OSError, RuntimeError, ValueError, AttributeError, LookupError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ArchiveError(f"{str(path)!r} is not a whole netCDF-4 archive: {reason}") from None
-    return dataset
 
 
 def experiment_of(dataset: xr.Dataset) -> Experiment:
     """The set-up that an archive carries. Raises :class:`SetupError` where it is unsound."""
     return Experiment.from_toml(str(dataset.attrs.get("experiment", "")))
+
+
+def _is_pure(values: xr.Variable) -> bool:
+    """Whether fractions are of whole grains: 0, 1, or NaN where there is nothing."""
+    if values.dims != VARIABLES["deposit_fraction"].dims:
+        return False
+    whole = (values.values == 0.0) | (values.values == 1.0) | np.isnan(values.values)
+    return bool(whole.all())
 
 
 def _told_by(experiment: Experiment) -> dict[str, NDArray[Any]]:

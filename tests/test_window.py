@@ -31,8 +31,8 @@ def set_ups(draw: st.DrawFn) -> Setup:
     """Thresholds up to what bytes hold and above, cliffs, feeds of all sizes, with gaps."""
     random = np.random.default_rng(draw(st.integers(0, 2**32)))
     species, steps = draw(st.integers(1, 3)), draw(st.sampled_from([300, 1000, 3000]))
-    highest = draw(st.sampled_from([3, 9]))
-    steepest = draw(st.sampled_from([6, 12, 30, 60]))
+    highest = draw(st.sampled_from([3, 9, 90]))
+    steepest = draw(st.sampled_from([6, 12, 30, 60, 300]))
     heights = random.integers(1, highest + 1, species)
     rule = Rule(
         grain_height=heights,
