@@ -6,7 +6,8 @@
 
 The random numbers of pile k of a seed are those of the counter-based generator Philox 4x64-10 with
 the key (seed, 2 k), and of its flow to the left (seed, 2 k + 1). All that is made of them is
-sums, products and comparisons, so that a seed gives the same grains on any machine.
+sums, products and comparisons, of rates that are whole shares of a grain, so that a seed gives the
+same grains on any machine.
 """
 
 import math
@@ -27,6 +28,7 @@ SHARES = 2**40  # a grain is counted in so many shares, so that sums are exact
 ROUND_OFF = 2**24  # shares; a grain that lacks no more than this is whole
 MOST_AT_ONCE = 16.0  # grains; variates of larger rates are sums of several
 NEGLIGIBLE = 1e-20  # probability
+MOST_WORDS = 2**22
 
 
 @dataclass
@@ -36,6 +38,7 @@ class Arrivals:
     kind: ArrivalKind
     stream: np.random.Philox
     parts: int  # variates that a Poisson variate is the sum of
+    block: int  # steps whose random numbers are in memory together
     due: Ints  # (species,) shares that were fed but make no whole grain yet
 
     @classmethod
@@ -45,17 +48,24 @@ class Arrivals:
         """Before the first step; `largest` (species,) are the highest rates that will come."""
         stream = np.random.Philox(key=np.array([seed, 2 * pile + side], dtype=np.uint64))
         parts = max(1, math.ceil(float(np.max(largest)) / MOST_AT_ONCE))
-        return cls(kind, stream, parts, np.zeros(len(largest), dtype=np.int64))
+        words = 1 + int(np.sum(largest)) + len(largest) * parts
+        due = np.zeros(len(largest), dtype=np.int64)
+        return cls(kind, stream, parts, max(1, MOST_WORDS // words), due)
 
     def take(self, rates: Floats) -> Ints:
         """The next grains (step, species), one row for each row of `rates`."""
+        blocks = np.split(rates, range(self.block, len(rates), self.block))
+        return np.concatenate([self._take(np.rint(block * SHARES)) for block in blocks])
+
+    def _take(self, shares: Floats) -> Ints:
+        rates = shares / SHARES
         if self.kind == "poisson":
             words = self.stream.random_raw((*rates.shape, self.parts))
             return _poisson(rates / self.parts, words)
-        shares = np.rint(rates * SHARES).astype(np.int64)
+        whole_shares = shares.astype(np.int64)
         if self.kind == "fixed":
-            return _whole(shares, self.due)
-        total = _whole(shares.sum(axis=1, keepdims=True), self.due)[:, 0]
+            return _whole(whole_shares, self.due)
+        total = _whole(whole_shares.sum(axis=1, keepdims=True), self.due)[:, 0]
         return _drawn(rates, total, self.stream.random_raw(int(total.sum())))
 
 

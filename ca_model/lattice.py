@@ -26,6 +26,7 @@ __all__ = ["MANY", "Ground", "Lattice", "Rule", "Settings", "TopplingRule", "lat
 ROUND_OFF = 1e-9
 MANY = 2**62
 MOST_COLUMNS = 10_000_000
+HIGHEST = 2**40  # u
 MOST_GRAINS = 1_000_000  # a step
 VARIANTS = {"contacts": "threshold", "percolation": "threshold", "threshold_spread": "toppling"}
 
@@ -144,6 +145,14 @@ def lattice_of(experiment: Experiment) -> Lattice:
         raise SetupError(f"ca_model.unit = {unit:g}: it should not exceed the smallest diameter")
     heights = np.rint(np.array(mixture.grain_diameter) / unit).astype(np.int64)
     slopes = np.array(mixture.repose_slope) * width / unit
+    corners = [0.0, *(x for x, _ in experiment.cell.start_surface or ())]
+    base = experiment.cell.base_height(np.array(corners)) / unit
+    highest = max(slopes.max(), heights.max(), base.max())
+    if highest > HIGHEST:
+        raise SetupError(
+            f"ca_model.unit = {unit:g}: heights and thresholds come to {highest:.2g} of it; "
+            f"at most {HIGHEST:.2g} are allowed"
+        )
     threshold = np.ceil(slopes - ROUND_OFF).astype(np.int64)
     _check_the_feed(experiment.feed.largest_inflow, heights * unit)
     ground, left = _ground(experiment, unit, width)

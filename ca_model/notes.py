@@ -47,12 +47,12 @@ def _slopes_that_act_alike(mixture: Mixture, lattice: Lattice) -> Iterator[str]:
 
 
 def _walls_that_outgrew(lattice: Lattice, height: Floats) -> Iterator[str]:
-    """From the heights (time, x) [cm]; a wall's column is above its neighbour's now and then."""
+    """From the heights (time, x) [cm]; for a moment a wall's column may be above its neighbour."""
     rule = lattice.rule
     if lattice.ground.lips is not None or isinstance(rule, TopplingRule):
         return
-    late = height[-max(1, len(height) // LATE) :].mean(axis=0)
-    outgrowth = max([late[-1] - late[-2], late[0] - late[1]][: lattice.ground.sides])
+    grown = height[-max(1, len(height) // LATE) :].mean(axis=0) - height[0]
+    outgrowth = max([grown[-1] - grown[-2], grown[0] - grown[1]][: lattice.ground.sides])
     if outgrowth > rule.threshold.max() * lattice.unit:
         contacts = "all" if rule.contacts == MANY else rule.contacts
         yield (

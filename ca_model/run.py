@@ -14,17 +14,21 @@ from ca_model.notes import notes
 from ca_model.pile import LOG, Pile
 from ca_model.toppling.kernel import random_state
 from ca_model.toppling.pile import ToppledPile
-from experiment import Experiment
+from experiment import Experiment, SetupError
 from experiment.archive import assemble
 from experiment.arrays import Floats, Ints
 from experiment.recorder import Recorder, edges_of_steps, record_steps
 
 __all__ = ["bare_pile", "check", "pour", "pour_many", "recorded"]
 
+MOST_VALUES = 3e8
+
 
 def check(experiment: Experiment) -> None:
     """Raise what :func:`pour` would raise, without pouring."""
-    record_steps(experiment.pour, lattice_of(experiment).step)
+    lattice = lattice_of(experiment)
+    record_steps(experiment.pour, lattice.step)
+    _check_section(experiment, lattice)
 
 
 def pour(experiment: Experiment, progress: Callable[[float], object] | None = None) -> xr.Dataset:
@@ -33,6 +37,7 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     `progress` is called with the share that is done. Raises :class:`SetupError` for a wrong
     `[ca_model]` table and :class:`NotApplicableError` for what its rule does not know.
     """
+    check(experiment)
     lattice = lattice_of(experiment)
     deposit = Deposit()
     pile = bare_pile(experiment, lattice, deposit.lay)
@@ -47,6 +52,19 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     }
     told = notes(experiment.mixture, lattice, arrays["height"])
     return assemble(experiment, "ca_model", arrays, told)
+
+
+def _check_section(experiment: Experiment, lattice: Lattice) -> None:
+    """Refuse a deposit that does not fit into memory on its grid."""
+    flux = float(experiment.mean_inflow @ np.array(experiment.mixture.drift_velocity))
+    grown = flux * experiment.pour.duration / experiment.cell.length
+    height = lattice.ground.height.max() + grown / lattice.unit
+    values = height * lattice.columns * experiment.mixture.species
+    if values > MOST_VALUES:
+        raise SetupError(
+            f"ca_model.unit = {lattice.unit:g}: a deposit {height:.2g} units high makes a grid of "
+            f"{values:.2g} values; at most {MOST_VALUES:.0e} are allowed (pour_to_disk needs none)"
+        )
 
 
 def bare_pile(

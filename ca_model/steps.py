@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ca_model.bits import ONE, Word
+from ca_model.bits import EMPTY, ONE, Word, bit_of
 from ca_model.compiled import UNCOUNTED, inlined
 from ca_model.log import Log, entry_of
 from ca_model.slope import RankedRule
@@ -101,15 +101,17 @@ def _touch_smallest(pile: Heap, rule: RankedRule, log: Log, side: int, i: int) -
 
 @inlined
 def _touch_each(pile: Heap, rule: RankedRule, log: Log, side: int, i: int) -> None:
-    done, touches = 0, 0
-    everybody = (1 << len(rule.ranks)) - 1
-    while touches < rule.contacts and done != everybody:
+    turns, touches = EMPTY, 0
+    for a in range(len(rule.ranks)):
+        turns |= Word(pile.rolling[side, 1 + i, a] > 0) << Word(a)
+    while touches < rule.contacts and turns != EMPTY:
         for a in range(len(rule.ranks)):
-            if done >> a & 1 == 0:
-                if pile.rolling[side, 1 + i, a] > 0 and _is_captured(pile, rule, side, i, a):
+            if turns & bit_of(Word(a)) != EMPTY:
+                captured = _is_captured(pile, rule, side, i, a)
+                if captured:
                     _capture(pile, rule, log, side, i, a)
-                else:
-                    done |= 1 << a
+                if not captured or pile.rolling[side, 1 + i, a] == 0:
+                    turns &= ~bit_of(Word(a))
         touches += 1
 
 

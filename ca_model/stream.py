@@ -21,11 +21,12 @@ import xarray as xr
 from ca_model.deposit import Slab, section
 from ca_model.lattice import Lattice, lattice_of
 from ca_model.notes import notes
-from ca_model.run import bare_pile, check, recorded
+from ca_model.run import bare_pile, recorded
 from experiment import Experiment, SetupError
 from experiment.archive import assemble, experiment_of, lay_out, load, reading, store
 from experiment.errors import ArchiveError
 from experiment.files import whole_file
+from experiment.recorder import record_steps
 
 __all__ = ["pour_to_disk", "read_section", "slabs_of"]
 
@@ -57,10 +58,10 @@ def pour_to_disk(
     absent. Raises what :func:`ca_model.pour` raises, :class:`OutputExistsError` where `path` exists
     and `force` is not given, and :class:`ArchiveError` where it cannot be written.
     """
-    check(experiment)
     if log < 1:
         raise SetupError(f"log = {log}: it should be at least 1")
     lattice = lattice_of(experiment)
+    record_steps(experiment.pour, lattice.step)
     with whole_file(path, force=force) as part:
         with netCDF4.Dataset(part, "w", format="NETCDF4") as file:
             pile = bare_pile(experiment, lattice, _Slabs(file, lattice).lay, log)

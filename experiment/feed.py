@@ -29,11 +29,11 @@ class Feed(Part):
     inflow: tuple[NonNegative, ...] = Field(default_factory=_average_of_table, min_length=1)  # cm
 
     def thickness(self, times: Floats) -> Floats:
-        """Rolling thickness R_a [cm] at x = 0: an array (time, species) for times (time,) [s]."""
+        """Rolling thickness R_a [cm] at the source: (time, species) for times (time,) [s]."""
         return self.schedule.thickness(np.array(self.inflow), times)
 
     def mean_thickness(self, edges: Floats) -> Floats:
-        """Rolling thickness R_a [cm] at x = 0, averaged between successive `edges` (time + 1,) [s].
+        """R_a [cm] at the source, averaged between successive `edges` (time + 1,) [s].
 
         An array (time, species).
         """

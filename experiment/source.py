@@ -1,9 +1,9 @@
 """Where the feed falls: at x = 0, or from a spout that travels along a heap."""
 
-from typing import Annotated, Self
+from typing import Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from experiment.arrays import Floats
 from experiment.fields import NonNegative, Number, Part
@@ -17,7 +17,7 @@ class Source(Part):
     It stays at the last place, or begins again if it `repeats`.
     """
 
-    time: Annotated[tuple[NonNegative, ...], Field(min_length=2)]  # s
+    time: tuple[NonNegative, ...]  # s
     x: tuple[Number, ...]  # cm
     repeats: bool = False
 
@@ -29,7 +29,7 @@ class Source(Part):
     @model_validator(mode="after")
     def _check_path(self) -> Self:
         time, x = list(self.time), list(self.x)
-        if time[0] != 0 or not (np.diff(time) > 0).all():
+        if len(time) < 2 or time[0] != 0 or not (np.diff(time) > 0).all():
             raise ValueError(f"time = {time}: it should be 2 or more values that grow from 0 on")
         if len(x) != len(time):
             raise ValueError(f"x = {x}: it should have {len(time)} values, one a time")

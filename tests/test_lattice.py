@@ -13,6 +13,7 @@ from ca_model.deposit import Deposit
 from ca_model.lattice import MANY, Ground, Rule, lattice_of
 from ca_model.pile import Pile
 from ca_model.reference import ReferencePile
+from ca_model.run import Feeding
 from experiment import NotApplicableError, SetupError, load
 from experiment.recorder import edges_of_steps
 
@@ -31,7 +32,7 @@ class Setup(NamedTuple):
 @st.composite
 def rules(draw: st.DrawFn) -> Rule:
     """Any number of species, in any order of size, every option."""
-    species = draw(st.integers(1, 3))
+    species = draw(st.sampled_from([1, 2, 2, 3, 5]))
     heights = draw(st.lists(st.integers(1, 4), min_size=species, max_size=species))
     rows = st.lists(st.integers(0, 12), min_size=species, max_size=species)
     return Rule(
@@ -216,12 +217,49 @@ def short(experiment, duration: float):
         ("cell.start_composition=[0.5, 0.5]", "cell.start_composition = [0.5, 0.5]"),
         ("ca_model.column_width=90.0", "ca_model.column_width = 90"),
         ("ca_model.width=1.0", "no field 'width'"),
+        ("ca_model.column_width=1e-4", "ca_model.unit = 0.0666667: a deposit"),
     ],
 )
 def test_a_wrong_lattice_is_refused_by_name(setting: str, named: str) -> None:
     with pytest.raises(SetupError) as refusal:
         ca_model.pour(load("makse-stratification", [setting]))
     assert named in str(refusal.value)
+
+
+def test_heights_beyond_what_integers_hold_are_refused() -> None:
+    settings = ["cell.start_slope=100.0", "cell.length=1e9", "ca_model.column_width=1e3"]
+    fine = [*settings, "ca_model.unit=1e-6", "mixture.grain_diameter=[1e-6, 1e-6]"]
+    with pytest.raises(SetupError, match=r"ca_model\.unit = 1e-06: heights and thresholds come to"):
+        lattice_of(load("lattice-stratification", fine))
+
+
+def test_a_slope_that_is_a_whole_number_but_for_round_off_is_that_number() -> None:
+    settings = ["mixture.repose_slope=[[0.4, 0.4], [0.4, 0.4]]", "ca_model.column_width=3.0"]
+    lattice = lattice_of(load("lattice-stratification", settings))
+    assert 0.4 * 3.0 / 0.1 > 12, "by 2e-15"
+    assert (lattice.rule.threshold == 12).all()
+
+
+def test_the_largest_number_of_species_is_poured_alike_by_both_kernels() -> None:
+    for percolation in (False, True):
+        rule = Rule(np.ones(64, int), np.full((64, 64), 5), np.arange(64), MANY, percolation)
+        arrivals = np.ones((3, HEAP, 64), dtype=np.int64)
+        setup = Setup(
+            rule, Ground(np.zeros(6, dtype=np.int64), 0, None, HEAP), arrivals, np.full(3, 3)
+        )
+        reference = poured_by_reference(setup)
+        for source in (3, None):
+            deposit = Deposit()
+            pile = Pile(rule, setup.ground, deposit.lay, source=source)
+            assert agrees(*poured(setup, pile, deposit), reference)
+
+
+def test_a_source_that_moves_is_where_it_is_in_the_middle_of_a_step() -> None:
+    """Columns are 1 cm wide and steps 1 s long: from 0.3 to 2.3 cm it is at 1.3 in the middle."""
+    path = "feed.source={time=[0.0, 1.0, 2.0], x=[0.3, 2.3, 2.4]}"
+    experiment = load("lattice-stratification", ["cell.shape=heap", "cell.length=5.0", path])
+    ((_, source),) = Feeding(experiment, lattice_of(experiment)).until(2)
+    assert source.tolist() == [5 + 1, 5 + 2]
 
 
 def test_species_of_different_speed_do_not_apply() -> None:
@@ -320,6 +358,13 @@ def test_a_wall_that_is_higher_only_at_the_last_moment_is_not_reported() -> None
     assert "comment" not in archive.attrs
 
 
+def test_a_ground_that_is_high_by_the_wall_is_not_the_feeds_fault() -> None:
+    surface = "cell.start_surface=[[0.0, 40.0], [198.5, 0.0], [200.0, 50.0]]"
+    few = ("cell.start_slope=0.0", "pour.duration=10.0", "pour.records=5")
+    archive = ca_model.pour(load("lattice-stratification", [surface, *few]))
+    assert "comment" not in archive.attrs
+
+
 def test_slopes_that_the_lattice_cannot_tell_apart_are_named() -> None:
     """Lattice slopes are whole numbers: what a repose slope does climbs a devil's staircase."""
     few = ("pour.duration=10.0", "pour.records=1")
@@ -328,4 +373,6 @@ def test_slopes_that_the_lattice_cannot_tell_apart_are_named() -> None:
     assert alike.attrs["comment"] == (
         "theta_11 = 0.41, theta_22 = 0.5 act alike: on the lattice each is a slope of 5"
     )
-    assert "comment" not in ca_model.pour(load("lattice-stratification", few)).attrs
+    equal = "mixture.repose_slope=[[0.4, 0.4], [0.1, 0.1]]"
+    for known in ([], [equal]):
+        assert "comment" not in ca_model.pour(load("lattice-stratification", [*few, *known])).attrs
