@@ -3,7 +3,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 PRESETS := makse-stratification makse-segregation glass-sugar lattice-stratification
-KERNELS := $(wildcard ca_model/*.py ca_model/toppling/*.py continuum/*.py)
+KERNELS := $(wildcard ca_model/*.py ca_model/*/*.py continuum/*.py)
 
 .PHONY: run test lint bench giant picture lock clean
 

@@ -26,12 +26,12 @@ from numpy.typing import NDArray
 
 from benchmarks.clock import once, seconds_in_turn
 from ca_model.deposit import slab_of
+from ca_model.kernel.log import Log
+from ca_model.kernel.packets import follow_packets
+from ca_model.kernel.slope import RankedRule, Slope, mark_all
 from ca_model.lattice import MANY, Ground, Rule
-from ca_model.log import Log
-from ca_model.packets import follow_packets
 from ca_model.pile import ranked_rule, slope_below
 from ca_model.reference import ReferencePile
-from ca_model.slope import RankedRule, Slope, mark_all
 from experiment.arrays import Ints
 
 SOURCE = Path(__file__).with_name("lattice.c")

@@ -11,9 +11,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ca_model.bits import ONE
+from ca_model.kernel.bits import ONE
+from ca_model.kernel.log import Entries, column_of, rank_of
 from ca_model.lattice import Ground
-from ca_model.log import Entries, column_of, rank_of
 from experiment.arrays import Floats, Ints
 
 __all__ = ["Deposit", "Grains", "Slab", "count", "section", "slab_of"]

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from ca_model.arrivals import ArrivalKind
-from ca_model.log import MOST_RANKS
+from ca_model.kernel.log import MOST_RANKS
 from experiment import Experiment, Mixture, NotApplicableError, SetupError
 from experiment.arrays import Floats, Ints
 from experiment.fields import Part, Positive

@@ -6,13 +6,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ca_model.bits import Word, word_count
 from ca_model.deposit import Slab, count, slab_of
+from ca_model.kernel.bits import Word, word_count
+from ca_model.kernel.log import Entries, Log
+from ca_model.kernel.packets import follow_packets
+from ca_model.kernel.slope import RankedRule, Slope, mark_all
+from ca_model.kernel.steps import Heap, take_steps
 from ca_model.lattice import Ground, Rule
-from ca_model.log import Entries, Log
-from ca_model.packets import follow_packets
-from ca_model.slope import RankedRule, Slope, mark_all
-from ca_model.steps import Heap, take_steps
 from experiment.arrays import Ints
 
 __all__ = ["LOG", "Pile", "ranked_rule", "slope_below"]

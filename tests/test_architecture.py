@@ -46,10 +46,10 @@ def test_every_public_name_is_there(package: str) -> None:
 def test_nothing_is_compiled_or_drawn_at_import() -> None:
     script = (
         "import sys, ca_model, continuum, compare\n"
-        "import ca_model.packets, ca_model.steps, continuum.kernel\n"
+        "import ca_model.kernel.packets, ca_model.kernel.steps, continuum.kernel\n"
         "assert not continuum.kernel.take_steps.signatures\n"
-        "assert not ca_model.packets.follow_packets.signatures\n"
-        "assert not ca_model.steps.take_steps.signatures\n"
+        "assert not ca_model.kernel.packets.follow_packets.signatures\n"
+        "assert not ca_model.kernel.steps.take_steps.signatures\n"
         "assert 'matplotlib.pyplot' not in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", script], check=True, cwd="/")
@@ -57,8 +57,8 @@ def test_nothing_is_compiled_or_drawn_at_import() -> None:
 
 def test_kernels_release_the_interpreter_and_are_cached_on_disk() -> None:
     kernels = {
-        "ca_model/packets.py": "follow_packets",
-        "ca_model/steps.py": "take_steps",
+        "ca_model/kernel/packets.py": "follow_packets",
+        "ca_model/kernel/steps.py": "take_steps",
         "ca_model/toppling/kernel.py": "advance_toppling",
         "continuum/kernel.py": "take_steps",
     }

@@ -8,15 +8,15 @@ of the uphill neighbour until the next packet has passed.
 
 The columns that would capture a species are bits of a set, so the next one on a packet's way is
 found by counting zeros: a packet costs its captures, not the length of its way. Most packets do
-not even come here: they are captured in a window of :mod:`ca_model.window`.
+not even come here: they are captured in a window of :mod:`ca_model.kernel.window`.
 """
 
 from numba import njit
 
-from ca_model.bits import EMPTY, ONE, Whole, Word, bit_of
-from ca_model.compiled import UNCOUNTED, inlined
-from ca_model.log import Log
-from ca_model.slope import (
+from ca_model.kernel.bits import EMPTY, ONE, Whole, Word, bit_of
+from ca_model.kernel.compiled import UNCOUNTED, inlined
+from ca_model.kernel.log import Log
+from ca_model.kernel.slope import (
     RankedRule,
     Slope,
     capture,
@@ -26,7 +26,7 @@ from ca_model.slope import (
     next_place,
     show_uphill,
 )
-from ca_model.window import MOST_RANKS, Queue, fits, pass_window
+from ca_model.kernel.window import MOST_RANKS, Queue, fits, pass_window
 from experiment.arrays import Ints
 
 __all__ = ["follow_packets"]

@@ -12,9 +12,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ca_model.bits import EMPTY, ONE, Whole, Word, bit_of, lowest, place_in_word, word_of
-from ca_model.compiled import UNCOUNTED, inlined
-from ca_model.log import Log, column_of, entry_of, rank_of
+from ca_model.kernel.bits import EMPTY, ONE, Whole, Word, bit_of, lowest, place_in_word, word_of
+from ca_model.kernel.compiled import UNCOUNTED, inlined
+from ca_model.kernel.log import Log, column_of, entry_of, rank_of
 from experiment.arrays import Ints
 
 __all__ = [

@@ -5,7 +5,7 @@ places of the last one. Over 64 places about them slopes, the topmost grains and
 are bytes of vectors, so one comparison finds all places that capture a rank, and a capture is two
 additions under a mask. Arrays and sets are read when the window opens and written when it closes:
 where a packet is not captured as a whole, where the place above the window or slopes beyond +-40
-are concerned, and where packets begin or end inside. Those are for :mod:`ca_model.packets`.
+are concerned, and where packets begin or end inside. Those are for :mod:`ca_model.kernel.packets`.
 """
 
 from collections.abc import Callable
@@ -13,11 +13,22 @@ from typing import NamedTuple
 
 from numba.cpython.unsafe.tuple import tuple_setitem
 
-from ca_model.bits import EMPTY, ONE, Whole, Word, bit_of, lowest
-from ca_model.compiled import inlined
-from ca_model.log import Log
-from ca_model.slope import RankedRule, Slope, end, entry_at, logged, mark_places, next_place
-from ca_model.vectors import PLACES, Bytes, below, choose, each, loaded, minus, plus, splat, store
+from ca_model.kernel.bits import EMPTY, ONE, Whole, Word, bit_of, lowest
+from ca_model.kernel.compiled import inlined
+from ca_model.kernel.log import Log
+from ca_model.kernel.slope import RankedRule, Slope, end, entry_at, logged, mark_places, next_place
+from ca_model.kernel.vectors import (
+    PLACES,
+    Bytes,
+    below,
+    choose,
+    each,
+    loaded,
+    minus,
+    plus,
+    splat,
+    store,
+)
 from experiment.arrays import Ints
 
 __all__ = ["MOST_RANKS", "Passage", "Queue", "fits", "pass_window"]

@@ -6,7 +6,7 @@ All numbers are unsigned 64-bit integers: no index of one can count from the end
 import numpy as np
 from numba.cpython.unsafe.numbers import trailing_zeros
 
-from ca_model.compiled import inlined
+from ca_model.kernel.compiled import inlined
 
 __all__ = [
     "EMPTY",

@@ -2,7 +2,8 @@
 
 Columns are taken in their order along the flow: each then meets the height that its downhill
 neighbour had before, so heights can be changed in place. Every column costs in every step; where
-the source is at rest :mod:`ca_model.packets` is faster. Species are numbered by rank, smallest 0.
+the source is at rest :mod:`ca_model.kernel.packets` is faster. Species are numbered by rank, the
+smallest is 0.
 """
 
 from typing import NamedTuple
@@ -11,10 +12,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ca_model.bits import EMPTY, ONE, Word, bit_of
-from ca_model.compiled import UNCOUNTED, inlined
-from ca_model.log import Log, entry_of
-from ca_model.slope import RankedRule
+from ca_model.kernel.bits import EMPTY, ONE, Word, bit_of
+from ca_model.kernel.compiled import UNCOUNTED, inlined
+from ca_model.kernel.log import Log, entry_of
+from ca_model.kernel.slope import RankedRule
 from experiment.arrays import Ints
 
 __all__ = ["Heap", "take_steps"]

@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ca_model.bits import Whole, Word
-from ca_model.compiled import inlined
+from ca_model.kernel.bits import Whole, Word
+from ca_model.kernel.compiled import inlined
 
 __all__ = ["MOST_RANKS", "Entries", "Log", "column_of", "entry_of", "rank_of"]
 
