@@ -123,6 +123,11 @@ class Lattice(NamedTuple):
         """Volume w H_a u per unit gap [cm2] of a grain (species,)."""
         return self.grain_thickness * self.column_width
 
+    @property
+    def column_below_rest(self) -> int:
+        """The column that begins below a source at rest, at x = 0."""
+        return int(self.column_after(np.zeros(1))[0])
+
     def column_after(self, x: Floats) -> Ints:
         """The column that begins at the edge nearest to x [cm]; past the end, their number."""
         edge = np.rint((x - self.left) / self.column_width).astype(np.int64)

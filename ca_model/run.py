@@ -26,9 +26,7 @@ MOST_VALUES = 3e8
 
 def check(experiment: Experiment) -> None:
     """Raise what :func:`pour` would raise, without pouring."""
-    lattice = lattice_of(experiment)
-    record_steps(experiment.pour, lattice.step)
-    _check_section(experiment, lattice)
+    _checked_lattice_of(experiment)
 
 
 def pour(experiment: Experiment, progress: Callable[[float], object] | None = None) -> xr.Dataset:
@@ -37,8 +35,7 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     `progress` is called with the share that is done. Raises :class:`SetupError` for a wrong
     `[ca_model]` table and :class:`NotApplicableError` for what its rule does not know.
     """
-    check(experiment)
-    lattice = lattice_of(experiment)
+    lattice = _checked_lattice_of(experiment)
     deposit = Deposit()
     pile = bare_pile(experiment, lattice, deposit.lay)
     arrays = recorded(experiment, lattice, pile, progress)
@@ -54,17 +51,18 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     return assemble(experiment, "ca_model", arrays, told)
 
 
-def _check_section(experiment: Experiment, lattice: Lattice) -> None:
-    """Refuse a deposit that does not fit into memory on its grid."""
-    flux = float(experiment.mean_inflow @ np.array(experiment.mixture.drift_velocity))
-    grown = flux * experiment.pour.duration / experiment.cell.length
-    height = lattice.ground.height.max() + grown / lattice.unit
+def _checked_lattice_of(experiment: Experiment) -> Lattice:
+    """The lattice, where its steps can be waited for and its deposit fits into memory on a grid."""
+    lattice = lattice_of(experiment)
+    record_steps(experiment.pour, lattice.step)
+    height = lattice.ground.height.max() + experiment.mean_growth / lattice.unit
     values = height * lattice.columns * experiment.mixture.species
     if values > MOST_VALUES:
         raise SetupError(
             f"ca_model.unit = {lattice.unit:g}: a deposit {height:.2g} units high makes a grid of "
             f"{values:.2g} values; at most {MOST_VALUES:.0e} are allowed (pour_to_disk needs none)"
         )
+    return lattice
 
 
 def bare_pile(
@@ -75,8 +73,8 @@ def bare_pile(
     if isinstance(rule, TopplingRule):
         random = random_state(experiment.pour.seed, experiment.pour.pile)
         return ToppledPile(rule, ground, lay, random)
-    middle = int(lattice.column_after(np.zeros(1))[0])
-    return Pile(rule, ground, lay, source=middle if source is None else None, log=log)
+    at_rest = lattice.column_below_rest if source is None else None
+    return Pile(rule, ground, lay, source=at_rest, log=log)
 
 
 def recorded(
@@ -134,7 +132,7 @@ class Feeding:
     def _source(self, edges: Floats) -> Ints:
         """The column that begins where the feed falls, in the middle of each step."""
         if self.feed.source is None:
-            return np.repeat(self.lattice.column_after(np.zeros(1)), len(edges) - 1)
+            return np.full(len(edges) - 1, self.lattice.column_below_rest)
         return self.lattice.column_after(self.feed.source.position((edges[:-1] + edges[1:]) / 2))
 
 

@@ -12,7 +12,6 @@ pile's surface and its records, however many grains are poured.
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import netCDF4
 import numpy as np
@@ -23,7 +22,7 @@ from ca_model.lattice import Lattice, lattice_of
 from ca_model.notes import notes
 from ca_model.run import bare_pile, recorded
 from experiment import Experiment, SetupError
-from experiment.archive import assemble, experiment_of, lay_out, load, reading, store
+from experiment.archive import COMPRESSED, assemble, experiment_of, lay_out, load, reading, store
 from experiment.errors import ArchiveError
 from experiment.files import whole_file
 from experiment.recorder import record_steps
@@ -33,12 +32,7 @@ __all__ = ["pour_to_disk", "read_section", "slabs_of"]
 LOG = 2**24  # grains
 CHUNK = 2**18  # grains
 CACHE = 4 * CHUNK  # else the library keeps as many chunks as it sees fit
-STORED: dict[str, Any] = {
-    "compression": "zlib",
-    "complevel": 1,
-    "fletcher32": True,
-    "fill_value": False,
-}
+STORED = COMPRESSED | {"fill_value": False}
 GRAIN, CAPTURED = "grain", "captured"
 ON_A_GRID = ("z", "deposit_fraction")
 

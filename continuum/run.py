@@ -86,10 +86,7 @@ def _check_deposit(experiment: Experiment, law: Law, grid: Grid, cells: int) -> 
             )
         thickness = np.pi * cell.length / 2
     else:
-        flux = float(experiment.mean_inflow @ np.array(mixture.drift_velocity))
-        thickness = (
-            cell.base_height(np.array([0.0]))[0] + flux * experiment.pour.duration / cell.length
-        )
+        thickness = cell.base_height(np.array([0.0]))[0] + experiment.mean_growth
     bins = thickness / grid.dz * cells * mixture.species
     if bins > MOST_BINS:
         raise SetupError(

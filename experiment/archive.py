@@ -22,6 +22,7 @@ from experiment.files import whole_file
 from experiment.variables import COORDINATES, VARIABLES, Variable
 
 __all__ = [
+    "COMPRESSED",
     "assemble",
     "check",
     "experiment_of",
@@ -37,7 +38,7 @@ __all__ = [
 CONVENTIONS = "CF-1.11"
 REFERENCES = "H. A. Makse, Phys. Rev. E 56, 7008 (1997), doi:10.1103/PhysRevE.56.7008"
 MODELS = ("ca_model", "continuum")
-STORED: dict[str, Any] = {"zlib": True, "complevel": 1, "fletcher32": True, "_FillValue": None}
+COMPRESSED: dict[str, Any] = {"zlib": True, "complevel": 1, "fletcher32": True}
 AS_BYTES: dict[str, Any] = {"dtype": "u1", "_FillValue": np.uint8(255), "complevel": 6}
 ATTRIBUTES = ("Conventions", "title", "source", "history", "references", "model", "experiment")
 
@@ -127,7 +128,7 @@ def write_whole(dataset: xr.Dataset, path: Path, *, force: bool = False) -> Path
 def store(dataset: xr.Dataset, path: Path, mode: Literal["w", "a"] = "w") -> None:
     """Put `dataset` into the netCDF-4 file `path`, a new one or (a) one that holds more."""
     encoding = {
-        name: STORED | (AS_BYTES if _is_pure(values) else {})
+        name: COMPRESSED | (AS_BYTES if _is_pure(values) else {"_FillValue": None})
         for name, values in dataset.variables.items()
         if values.dtype.kind == "f" and values.ndim > 0
     }

@@ -139,6 +139,12 @@ class Experiment(Part):
         return mean
 
     @property
+    def mean_growth(self) -> float:
+        """Thickness [cm] of all that is poured, if it lay evenly on each slope."""
+        flux = float(self.mean_inflow @ np.array(self.mixture.drift_velocity))
+        return flux * self.pour.duration / self.cell.length
+
+    @property
     def start_composition(self) -> tuple[float, ...]:
         """Composition of the grains before pouring, unless it is given.
 

@@ -9,7 +9,9 @@ from numba.cpython.unsafe.numbers import trailing_zeros
 from ca_model.kernel.compiled import inlined
 
 __all__ = [
+    "ALL",
     "EMPTY",
+    "NOWHERE",
     "ONE",
     "Whole",
     "Word",
@@ -23,7 +25,8 @@ __all__ = [
 Word = np.uint64
 Whole = int | np.uint64  # an unsigned integer, which a range makes ints of before it is compiled
 
-EMPTY, ONE, SIX, LAST = Word(0), Word(1), Word(6), Word(63)
+EMPTY, ALL, ONE, SIX, LAST = Word(0), Word(2**64 - 1), Word(1), Word(6), Word(63)
+NOWHERE = Word(2**63)  # beyond every number in a set
 
 
 def word_count(numbers: int) -> int:

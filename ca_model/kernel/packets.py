@@ -13,7 +13,7 @@ not even come here: they are captured in a window of :mod:`ca_model.kernel.windo
 
 from numba import njit
 
-from ca_model.kernel.bits import EMPTY, ONE, Whole, Word, bit_of
+from ca_model.kernel.bits import EMPTY, NOWHERE, ONE, Whole, Word, bit_of
 from ca_model.kernel.compiled import UNCOUNTED, inlined
 from ca_model.kernel.log import Log
 from ca_model.kernel.slope import (
@@ -26,13 +26,12 @@ from ca_model.kernel.slope import (
     next_place,
     show_uphill,
 )
-from ca_model.kernel.window import MOST_RANKS, Queue, fits, pass_window
+from ca_model.kernel.window import FEW_RANKS, Queue, fits, pass_window
 from experiment.arrays import Ints
 
 __all__ = ["follow_packets"]
 
-NOWHERE = Word(2**63)
-UPHILL = Word(2**64 - 1)
+BACKWARD = Word(2**64 - 1)  # -1, from one row to the next
 WORTH_IT, LONGEST_PAUSE = Word(8), Word(64)  # packets
 
 
@@ -44,7 +43,7 @@ def follow_packets(pile: Slope, rule: RankedRule, log: Log, arrivals: Ints) -> i
     captured in windows.
     """
     packets = Word(pile.slope.size) + Word(arrivals.shape[0])
-    has_windows = rule.percolation and len(rule.ranks) <= MOST_RANKS and fits(rule)
+    has_windows = rule.percolation and len(rule.ranks) <= FEW_RANKS and fits(rule)
     withheld, pause, next_try, in_windows = log.length[0], ONE, EMPTY, EMPTY
     k = EMPTY if arrivals.shape[0] > 0 else packets
     while k < packets:
@@ -80,7 +79,7 @@ def _queue(pile: Slope, arrivals: Ints, k: Whole) -> Queue:
     places, steps = Word(pile.slope.size), Word(arrivals.shape[0])
     reach = places - ONE - k + steps
     if k < places:
-        return Queue(pile.rolling, places - ONE - k, UPHILL, places - k, places - k, reach)
+        return Queue(pile.rolling, places - ONE - k, BACKWARD, places - k, places - k, reach)
     return Queue(arrivals, k - places, ONE, places + steps - k, EMPTY, reach)
 
 

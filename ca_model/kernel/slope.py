@@ -12,7 +12,17 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ca_model.kernel.bits import EMPTY, ONE, Whole, Word, bit_of, lowest, place_in_word, word_of
+from ca_model.kernel.bits import (
+    ALL,
+    EMPTY,
+    ONE,
+    Whole,
+    Word,
+    bit_of,
+    lowest,
+    place_in_word,
+    word_of,
+)
 from ca_model.kernel.compiled import UNCOUNTED, inlined
 from ca_model.kernel.log import Log, column_of, entry_of, rank_of
 from experiment.arrays import Ints
@@ -33,8 +43,6 @@ __all__ = [
 ]
 
 Words = NDArray[np.uint64]
-
-ALL = Word(2**64 - 1)
 
 
 class RankedRule(NamedTuple):

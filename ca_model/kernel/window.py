@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from numba.cpython.unsafe.tuple import tuple_setitem
 
-from ca_model.kernel.bits import EMPTY, ONE, Whole, Word, bit_of, lowest
+from ca_model.kernel.bits import ALL, EMPTY, NOWHERE, ONE, Whole, Word, bit_of, lowest
 from ca_model.kernel.compiled import inlined
 from ca_model.kernel.log import Log
 from ca_model.kernel.slope import RankedRule, Slope, end, entry_at, logged, mark_places, next_place
@@ -31,14 +31,12 @@ from ca_model.kernel.vectors import (
 )
 from experiment.arrays import Ints
 
-__all__ = ["MOST_RANKS", "Passage", "Queue", "fits", "pass_window"]
+__all__ = ["FEW_RANKS", "Passage", "Queue", "fits", "pass_window"]
 
 STEEPEST = 40
 UPHILL = Word(40)  # places of the window above the first one that captures
-MOST_RANKS = 4
+FEW_RANKS = 4
 WIDE = Word(PLACES)
-ALL = Word(2**64 - 1)
-NOWHERE = Word(2**63)
 
 
 class Queue(NamedTuple):
