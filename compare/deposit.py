@@ -15,12 +15,11 @@ small and pure large grains.
 import numpy as np
 import scipy
 import xarray as xr
-from numpy.typing import NDArray
 
-from compare.quantities import cell_height, coarseness, measured_columns, settled_since
+from compare.quantities import coarseness, measured_columns, settled_since
 from experiment.arrays import Floats
 
-__all__ = ["layers", "settled_profiles"]
+__all__ = ["layers", "layers_of", "settled_coarseness", "settled_profiles"]
 
 
 AS_HIGH_AS = 0.8  # of the highest peak
@@ -29,16 +28,20 @@ NEAR = 0.3  # how far from the mean wavelength a single column's may be
 
 
 def layers(archive: xr.Dataset) -> xr.Dataset:
-    """Layers of the settled part of a pour.
+    """Layers of the settled part of a pour, in its measured columns; see :func:`layers_of`."""
+    return layers_of(settled_coarseness(archive).isel(x=np.flatnonzero(measured_columns(archive))))
+
+
+def layers_of(coarse: xr.DataArray) -> xr.Dataset:
+    """Layers of a deposit of coarseness `coarse` (z, x), evenly spaced in cm, NaN outside of it.
 
     wavelength and its standard error wavelength_error [cm], along the vertical; wavelength_normal
-    [cm], across the layers; wavelength_at(x) [cm] of single columns (the measured ones) and their
-    standard deviation wavelength_spread; layering, the strength. NaN where there are no layers.
+    [cm], across the layers; wavelength_at(x) [cm] of single columns and their standard deviation
+    wavelength_spread; layering, the strength. NaN where there are no layers.
     """
-    columns = np.flatnonzero(measured_columns(archive))
-    settled = settled_profiles(archive)
-    profiles = [settled[i] for i in columns]
-    dz = cell_height(archive)
+    z, inside = coarse["z"].values, np.isfinite(coarse.values)
+    profiles = [coarse.values[inside[:, i], i] for i in range(coarse.sizes["x"])]
+    dz = float(z[1] - z[0])
     thinnest = min(len(profile) for profile in profiles)
     longest = thinnest * 2 // 3
     single = np.array([_autocorrelation(profile, longest) for profile in profiles])
@@ -46,7 +49,7 @@ def layers(archive: xr.Dataset) -> xr.Dataset:
     at = np.array([_nearest_peak(one, peak) for one in single]) * dz
     spread = float(np.nanstd(at)) if np.isfinite(at).any() else np.nan
     repeats = thinnest / peak
-    slope = _mean_slope(archive, columns)
+    slope = _mean_slope(coarse["x"].values, np.where(inside, z[:, None], -np.inf).max(axis=0))
 
     def cm(value: float, long_name: str) -> tuple[tuple[()], float, dict[str, str]]:
         return (), value, {"units": "cm", "long_name": long_name}
@@ -66,17 +69,21 @@ def layers(archive: xr.Dataset) -> xr.Dataset:
             ),
             "layering": ((), strength, {"units": "1", "long_name": "strength of the layering"}),
         },
-        {"x": archive["x"][columns]},
+        {"x": coarse["x"]},
     )
+
+
+def settled_coarseness(archive: xr.Dataset) -> xr.DataArray:
+    """Coarseness (z, x) of what was laid after the transient; NaN elsewhere."""
+    start = archive["height"].interp(time=settled_since(archive))
+    coarse = coarseness(archive["deposit_fraction"], archive).astype(np.float64)
+    return coarse.where(archive["z"] > start).transpose("z", "x")
 
 
 def settled_profiles(archive: xr.Dataset) -> list[Floats]:
     """Coarseness (z,) of each column of the deposit, as far as it was laid after the transient."""
-    since = settled_since(archive)
-    start = archive["height"].interp(time=since).values
-    coarse = coarseness(archive["deposit_fraction"], archive).values.astype(np.float64)
-    laid = (archive["z"].values[:, None] > start) & np.isfinite(coarse)
-    return [coarse[laid[:, i], i] for i in range(len(start))]
+    coarse = settled_coarseness(archive).values
+    return [column[np.isfinite(column)] for column in coarse.T]
 
 
 def _autocorrelation(profile: Floats, longest: int) -> Floats:
@@ -125,10 +132,8 @@ def _nearest_peak(correlation: Floats, lag: float) -> float:
     return _summit(correlation, int(near[correlation[near].argmax()]))
 
 
-def _mean_slope(archive: xr.Dataset, columns: NDArray[np.intp]) -> float:
-    """Slope of the final surface, averaged over the measured columns; NaN for less than two."""
-    if len(columns) < 2:
+def _mean_slope(x: Floats, top: Floats) -> float:
+    """Slope of the surface `top` (x,), its ends compared; NaN for less than two columns."""
+    if len(x) < 2 or not np.isfinite(top[[0, -1]]).all():
         return np.nan
-    height = archive["height"].values[-1, columns]
-    x = archive["x"].values[columns]
-    return float(-(height[-1] - height[0]) / (x[-1] - x[0]))
+    return float(-(top[-1] - top[0]) / (x[-1] - x[0]))
