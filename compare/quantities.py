@@ -1,5 +1,7 @@
 """What every measurement takes from an archive: the pour's scales, and where and when to look."""
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -13,6 +15,7 @@ __all__ = [
     "coarseness",
     "flux",
     "measured_columns",
+    "quantity",
     "rise_velocity",
     "settled_since",
     "settled_thickness",
@@ -92,6 +95,14 @@ def measured_columns(archive: xr.Dataset) -> NDArray[np.bool_]:
     x = archive["x"].values
     length = cell_length(archive)
     return (x > EDGE_SHARE * length) & (x < (1 - EDGE_SHARE) * length)
+
+
+def quantity(
+    value: Any, units: str, long_name: str, *, dims: tuple[str, ...] = ()
+) -> tuple[tuple[str, ...], Any, dict[str, str]]:
+    """A measured number, or an array over `dims`, as a Dataset takes it."""
+    attributes = {"long_name": long_name}
+    return dims, value, attributes | ({"units": units} if units else {})
 
 
 def coarseness(fraction: xr.DataArray, archive: xr.Dataset) -> xr.DataArray:

@@ -1,0 +1,228 @@
+"""Layers of a deposit: two estimators of their wavelength, and what else can be told of them.
+
+By spectrum (:mod:`compare.deposit.spectrum`) the wavelength is what repeats; by counting
+(:mod:`compare.deposit.counting`) it is the mean thickness of a pair of layers, times the whole
+number of pairs that a cycle lays. The two must agree within AGREE, or twice their errors; where
+they do not, the `comment` says so, and half their difference is part of the error of the first.
+Counting looks at profiles averaged along the layers (:mod:`compare.deposit.inclination`), for
+single columns of grains are noise to it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+import xarray as xr
+from numpy.typing import NDArray
+
+from compare.deposit.counting import Counted, count_layers, count_pairs
+from compare.deposit.dual import plateaus
+from compare.deposit.inclination import along_layers, settle, shifts, surface_slope
+from compare.deposit.profiles import settled_coarseness
+from compare.deposit.spectrum import Correlation, Repeat, correlate
+from compare.quantities import measured_columns, quantity
+from experiment.arrays import Floats
+
+__all__ = ["layers", "layers_of"]
+
+AGREE = 0.1
+TOGETHER = 20  # this part of the columns is looked at together, where one alone is noise
+ALONG = 40  # and this part is averaged along the layers before they are counted
+FEWEST = 5  # columns of either
+CLEAR = 0.5  # of the mean strength, in columns that are looked at further
+
+SCALARS = {
+    "wavelength": ("cm", "vertical wavelength of the layers, by spectrum"),
+    "wavelength_error": ("cm", "standard error of wavelength"),
+    "wavelength_counted": ("cm", "vertical wavelength of the layers, by counting"),
+    "wavelength_counted_error": ("cm", "standard error of wavelength_counted"),
+    "wavelength_spread": ("cm", "standard deviation of wavelength, of single cycles in place"),
+    "wavelength_normal": ("cm", "wavelength normal to the layers"),
+    "wavelength_normal_error": ("cm", "standard error of wavelength_normal"),
+    "wavelength_drift": ("1", "change of wavelength with x"),
+    "wavelength_drift_error": ("1", "standard error of wavelength_drift"),
+    "wavelength_upper": ("cm", "wavelength on the upper slope, where there are two"),
+    "wavelength_lower": ("cm", "wavelength on the lower slope, where there are two"),
+    "wavelength_step_x": ("cm", "where the wavelength steps, if there are two"),
+    "thickness_small": ("cm", "vertical thickness of a sublayer of small grains"),
+    "thickness_small_error": ("cm", "standard error of thickness_small"),
+    "thickness_large": ("cm", "vertical thickness of a sublayer of large grains"),
+    "thickness_large_error": ("cm", "standard error of thickness_large"),
+    "pairs_a_cycle": ("1", "pairs of layers that a cycle lays"),
+    "layer_pairs": ("1", "pairs of layers that were counted in a column"),
+    "inclination": ("1", "slope of the layers"),
+    "inclination_error": ("1", "standard error of inclination"),
+    "layering": ("1", "strength of the layering"),
+}
+IN_PLACE = {
+    "wavelength_at": ("cm", "vertical wavelength of the layers in place"),
+    "layering_at": ("1", "strength of the layering in place"),
+    "coarseness_at": ("1", "mean coarseness of the deposit in place"),
+}
+
+
+def layers(archive: xr.Dataset) -> xr.Dataset:
+    """Layers of the settled part of a pour, in its measured columns; see :func:`layers_of`."""
+    coarse = settled_coarseness(archive)
+    slope = coarse["x"].values > 0
+    return layers_of(coarse.isel(x=slope), measured_columns(archive)[slope])
+
+
+def layers_of(coarse: xr.DataArray, measured: NDArray[np.bool_] | None = None) -> xr.Dataset:
+    """Layers of a deposit of coarseness `coarse` (z, x), evenly spaced in cm, NaN outside of it.
+
+    A Dataset of SCALARS, from the columns `measured` (x,), all of them by default, and of what is
+    IN_PLACE (x), in every column. wavelength is by spectrum and along the vertical; all of it is
+    NaN, and layering 0, where there are no layers. The attribute `comment`, where it is there,
+    tells what should be looked at twice.
+    """
+    values, floor = settle(np.asarray(coarse.values, dtype=np.float64))
+    x = coarse["x"].values
+    chosen = np.ones(len(x), bool) if measured is None else measured
+    dz, dx = _spacing(coarse["z"].values), _spacing(x)
+    correlation = correlate(values)
+    repeat = correlation.pooled(chosen).repeat()
+    local = _repeats_in_place(correlation, repeat)
+    found = {"layering": repeat.strength}
+    if np.isfinite(repeat.lag):
+        layered = chosen & (local.strength >= CLEAR * repeat.strength)
+        rise = _rise(values, floor, repeat.lag)
+        profiles = along_layers(values, rise, _part(len(x), ALONG))
+        columns = [count_pairs(column[np.isfinite(column)]) for column in profiles.T]
+        counted = count_layers([columns[i] for i in np.flatnonzero(layered)])
+        slope, slope_error = _middle(-(rise + np.diff(floor))[layered[:-1] & layered[1:]] * dz / dx)
+        found |= _wavelengths(repeat.lag * dz, counted, dz, (slope, slope_error))
+        found |= _drift(x[layered], local.lag[layered] * dz)
+        pairs = [columns[i].pair.mean() if len(columns[i].pair) else np.nan for i in range(len(x))]
+        found |= _two_wavelengths(np.where(layered, pairs, np.nan) * found["pairs_a_cycle"] * dz, x)
+    comment = _second_thoughts(found)
+    in_place = (local.lag * dz, local.strength, _column_mean(values))
+    return xr.Dataset(
+        {name: quantity(found.get(name, np.nan), *told) for name, told in SCALARS.items()}
+        | {
+            name: quantity(array, *told, dims=("x",))
+            for (name, told), array in zip(IN_PLACE.items(), in_place, strict=True)
+        },
+        {"x": coarse["x"]},
+        {"comment": comment} if comment else {},
+    )
+
+
+class _Local(NamedTuple):
+    """The repeat in each column and its neighbours, (x,)."""
+
+    lag: Floats
+    strength: Floats
+
+
+def _wavelengths(
+    wavelength: float, counted: Counted, dz: float, inclined: tuple[float, float]
+) -> dict[str, float]:
+    """Wavelength and sublayers by both estimators, with errors; along and across the layers."""
+    pairs = max(1.0, float(np.round(wavelength / (counted.pair * dz))))
+    by_count = counted.pair * pairs * dz
+    count_error = np.hypot(counted.pair_error * pairs, pairs / max(counted.number, 1.0)) * dz
+    error = float(np.hypot(count_error, (wavelength - by_count) / 2))
+    slope, slope_error = inclined
+    tilt = float(np.hypot(1.0, slope))
+    normal_error = float(np.hypot(error, wavelength * slope * slope_error / tilt**2)) / tilt
+    return {
+        "wavelength": wavelength,
+        "wavelength_error": error,
+        "wavelength_counted": by_count,
+        "wavelength_counted_error": float(count_error),
+        "wavelength_spread": counted.pair_spread * float(np.sqrt(pairs)) * dz,
+        "wavelength_normal": wavelength / tilt,
+        "wavelength_normal_error": normal_error,
+        "thickness_small": counted.small * dz,
+        "thickness_small_error": counted.small_error * dz,
+        "thickness_large": counted.large * dz,
+        "thickness_large_error": counted.large_error * dz,
+        "pairs_a_cycle": pairs if np.isfinite(by_count) else np.nan,
+        "layer_pairs": counted.number,
+        "inclination": slope,
+        "inclination_error": slope_error,
+    }
+
+
+def _two_wavelengths(wavelength: Floats, x: Floats) -> dict[str, float]:
+    names = ("wavelength_upper", "wavelength_lower", "wavelength_step_x")
+    return dict(zip(names, plateaus(wavelength, x), strict=True))
+
+
+def _repeats_in_place(correlation: Correlation, repeat: Repeat) -> _Local:
+    """In each column, with its neighbours, the repeat nearest to that of all columns."""
+    columns = correlation.sums.shape[1]
+    if not np.isfinite(repeat.lag):
+        return _Local(np.full(columns, np.nan), np.zeros(columns))
+    together = correlation.neighbourly(_part(columns, TOGETHER))
+    found = [together.repeat_near(repeat.lag, i) for i in range(columns)]
+    return _Local(np.array([one.lag for one in found]), np.array([one.strength for one in found]))
+
+
+def _rise(values: Floats, floor: NDArray[np.intp], lag: float) -> Floats:
+    """By how many cells above their floor layers `lag` thick rise from column to column, (x - 1,).
+
+    They are looked for where the surface leads, for layers are laid on surfaces.
+    """
+    slope = surface_slope(values, floor)
+    if not np.isfinite(slope):
+        return np.zeros(values.shape[1] - 1)
+    return shifts(values, round(-slope) - np.diff(floor), lag / 2, _part(values.shape[1], TOGETHER))
+
+
+def _drift(x: Floats, wavelength: Floats) -> dict[str, float]:
+    """The change of wavelength with x, by least squares; columns together count as one."""
+    if len(x) <= FEWEST:
+        return {}
+    fit = scipy.stats.linregress(x, wavelength)
+    independent = np.sqrt(_part(len(x), TOGETHER))
+    return {
+        "wavelength_drift": float(fit.slope),
+        "wavelength_drift_error": float(fit.stderr * independent),
+    }
+
+
+def _second_thoughts(found: dict[str, float]) -> str:
+    """What should be looked at twice, a line each."""
+    if "wavelength" not in found:
+        return ""
+    wavelength, counted = found["wavelength"], found["wavelength_counted"]
+    spectrum = f"wavelength by spectrum, {wavelength:.3g} cm"
+    lines = []
+    if not np.isfinite(counted):
+        lines.append(f"{spectrum}: but no layers can be counted")
+    elif abs(wavelength - counted) > max(AGREE * wavelength, 2 * found["wavelength_counted_error"]):
+        lines.append(f"{spectrum}, and by counting, {counted:.3g} cm, do not agree")
+    if found["pairs_a_cycle"] > 1:
+        lines.append(f"a cycle lays {found['pairs_a_cycle']:.0f} pairs of layers, not alike")
+    if np.isfinite(found["wavelength_step_x"]):
+        lines.append(
+            f"two wavelengths: {found['wavelength_upper']:.3g} cm above and "
+            f"{found['wavelength_lower']:.3g} cm below x = {found['wavelength_step_x']:.3g} cm"
+        )
+    return "\n".join(lines)
+
+
+def _middle(values: Floats) -> tuple[float, float]:
+    """Median, and its standard error where neighbours are known together; NaN for none."""
+    if not len(values):
+        return np.nan, np.nan
+    independent = max(1.0, len(values) / _part(len(values), TOGETHER))
+    return float(np.median(values)), float(values.std() / np.sqrt(independent))
+
+
+def _column_mean(values: Floats) -> Floats:
+    inside = np.isfinite(values)
+    number = inside.sum(axis=0)
+    total = np.where(inside, values, 0.0).sum(axis=0)
+    return np.where(number > 0, total / np.maximum(number, 1), np.nan)
+
+
+def _part(columns: int, share: int) -> int:
+    """An odd number of columns, the `share`-th part of all, but not fewer than FEWEST."""
+    return max(FEWEST, columns // share) | 1
+
+
+def _spacing(values: Floats) -> float:
+    return float(values[1] - values[0]) if len(values) > 1 else 1.0
