@@ -15,7 +15,7 @@ from experiment.arrays import Floats
 
 __all__ = ["Counted", "Pairs", "count_layers", "count_pairs"]
 
-HYSTERESIS = 0.15
+HYSTERESIS = 0.2
 FAINTEST = 0.2  # range of coarseness that may be layers
 BLOCKS = 5  # parts of the slope whose differences tell an error
 

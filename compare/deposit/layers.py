@@ -15,7 +15,7 @@ import scipy
 import xarray as xr
 from numpy.typing import NDArray
 
-from compare.deposit.counting import Counted, count_layers, count_pairs
+from compare.deposit.counting import Counted, Pairs, count_layers, count_pairs
 from compare.deposit.dual import plateaus
 from compare.deposit.inclination import along_layers, settle, shifts, surface_slope
 from compare.deposit.profiles import settled_coarseness
@@ -27,8 +27,8 @@ __all__ = ["layers", "layers_of"]
 
 AGREE = 0.1
 TOGETHER = 20  # this part of the columns is looked at together, where one alone is noise
-ALONG = 40  # and this part is averaged along the layers before they are counted
-FEWEST = 5  # columns of either
+FEWEST = 5  # columns of it
+SMOOTHED = 10  # this part of a wavelength is averaged before layers are counted
 CLEAR = 0.5  # of the mean strength, in columns that are looked at further
 
 SCALARS = {
@@ -87,14 +87,14 @@ def layers_of(coarse: xr.DataArray, measured: NDArray[np.bool_] | None = None) -
     if np.isfinite(repeat.lag):
         layered = chosen & (local.strength >= CLEAR * repeat.strength)
         rise = _rise(values, floor, repeat.lag)
-        profiles = along_layers(values, rise, _part(len(x), ALONG))
-        columns = [count_pairs(column[np.isfinite(column)]) for column in profiles.T]
+        profiles = along_layers(values, rise, _part(len(x), TOGETHER))
+        columns = [_pairs(column, repeat.lag) for column in profiles.T]
         counted = count_layers([columns[i] for i in np.flatnonzero(layered)])
         slope, slope_error = _middle(-(rise + np.diff(floor))[layered[:-1] & layered[1:]] * dz / dx)
         found |= _wavelengths(repeat.lag * dz, counted, dz, (slope, slope_error))
         found |= _drift(x[layered], local.lag[layered] * dz)
         pairs = [columns[i].pair.mean() if len(columns[i].pair) else np.nan for i in range(len(x))]
-        found |= _two_wavelengths(np.where(layered, pairs, np.nan) * found["pairs_a_cycle"] * dz, x)
+        found |= _two_wavelengths(np.where(layered, pairs, np.nan) * dz, x)
     comment = _second_thoughts(found)
     in_place = (local.lag * dz, local.strength, _column_mean(values))
     return xr.Dataset(
@@ -143,6 +143,14 @@ def _wavelengths(
         "inclination": slope,
         "inclination_error": slope_error,
     }
+
+
+def _pairs(profile: Floats, lag: float) -> Pairs:
+    """The pairs of layers in a column (z,), its noise averaged over a part of the wavelength."""
+    there = profile[np.isfinite(profile)]
+    if not len(there):
+        return count_pairs(there)
+    return count_pairs(scipy.ndimage.uniform_filter1d(there, max(1, int(lag / SMOOTHED))))
 
 
 def _two_wavelengths(wavelength: Floats, x: Floats) -> dict[str, float]:
@@ -194,13 +202,13 @@ def _second_thoughts(found: dict[str, float]) -> str:
         lines.append(f"{spectrum}: but no layers can be counted")
     elif abs(wavelength - counted) > max(AGREE * wavelength, 2 * found["wavelength_counted_error"]):
         lines.append(f"{spectrum}, and by counting, {counted:.3g} cm, do not agree")
-    if found["pairs_a_cycle"] > 1:
-        lines.append(f"a cycle lays {found['pairs_a_cycle']:.0f} pairs of layers, not alike")
     if np.isfinite(found["wavelength_step_x"]):
         lines.append(
             f"two wavelengths: {found['wavelength_upper']:.3g} cm above and "
             f"{found['wavelength_lower']:.3g} cm below x = {found['wavelength_step_x']:.3g} cm"
         )
+    elif found["pairs_a_cycle"] > 1:
+        lines.append(f"a cycle lays {found['pairs_a_cycle']:.0f} pairs of layers, not alike")
     return "\n".join(lines)
 
 
