@@ -3,14 +3,16 @@
 Measurements and pictures see archives only; only the command line runs the models.
 """
 
+from compare.accessor import Strata
 from compare.convergence import converge
-from compare.deposit import layers
+from compare.deposit import layers, layers_of
 from compare.figure import draw
 from compare.kymograph import cycle_period, fronts, kinks
 from compare.measurement import compare, measure
 from compare.regimes import regime, segregation
 
 __all__ = [
+    "Strata",
     "compare",
     "converge",
     "cycle_period",
@@ -18,6 +20,7 @@ __all__ = [
     "fronts",
     "kinks",
     "layers",
+    "layers_of",
     "measure",
     "regime",
     "segregation",

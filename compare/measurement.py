@@ -1,99 +1,96 @@
-"""The numbers of one pour, and those of several side by side, as Datasets.
+"""The numbers of one pour, and those of several side by side, as Datasets."""
 
-Two balances tie them together: one cycle of period T lays one wavelength, so wavelength =
-R0 v T / L, where the left side comes from the deposit and the right one from the kymograph; and a
-cycle is a front's way down and a kink's way up, so wavelength is about R0 v (1 / v_f + 1 / v_k).
-"""
-
-import math
 from collections.abc import Sequence
 from typing import Any
 
 import xarray as xr
 
-from compare.deposit import layers
-from compare.kymograph import cycle_period, fronts, kinks, mean_velocity
+from compare.accessor import Strata
+from compare.balances import Measured, balances, volume_residual
+from compare.kymograph import cycle_period, mean_velocity
 from compare.quantities import (
     cell_length,
-    flux,
-    rise_velocity,
+    quantity,
     settled_thickness,
     total_inflow,
     velocity,
     why_not_measured,
 )
-from compare.regimes import regime, segregation
+from compare.regimes import LAYERED_REGIMES, regime, segregation
 from experiment import ArchiveError
 from experiment.archive import experiment_of
 
 __all__ = ["compare", "measure", "refuse_unlike"]
+
+BALANCES = {
+    "wavelength_of_period": ("cm", "R0 v T / L"),
+    "period_residual": ("1", "wavelength over R0 v T / L, less 1"),
+    "wavelength_of_velocities": ("cm", "R0 v (1 / v_f + 1 / v_k)"),
+    "velocities_residual": ("1", "wavelength over R0 v (1 / v_f + 1 / v_k), less 1"),
+    "wavelength_of_kinks": ("cm", "R0 (v + v_k) / v_k"),
+    "kinks_residual": ("1", "wavelength over R0 (v + v_k) / v_k, less 1"),
+}
 
 
 def measure(archive: xr.Dataset) -> xr.Dataset:
     """Every number that one archive gives: a Dataset of scalars with units and long names.
 
     Velocities are magnitudes: kinks go uphill, fronts downhill. Numbers that need layers are NaN
-    where the regime is not `stratified`, those that need lines where there are none. Raises
+    where the regime has none, those that need lines where there are none. Raises
     :class:`ArchiveError` for a drum, and where the source moves.
     """
     reason = why_not_measured(archive)
     if reason is not None:
         raise ArchiveError(reason)
-    found = layers(archive)
-    apart = segregation(archive)
-    strength = float(found["layering"])
-    word = regime(strength, apart, settled_thickness(archive) / total_inflow(archive))
-    lines_up, lines_down = kinks(archive), fronts(archive)
-    uphill, kink_error = mean_velocity(lines_up)
-    kink = -uphill
-    front, front_error = mean_velocity(lines_down)
-    period, period_error = cycle_period(lines_up)
-    wavelength, error, spread, normal = (
-        float(found[name]) if word == "stratified" else math.nan
-        for name in (
-            "wavelength",
-            "wavelength_error",
-            "wavelength_spread",
-            "wavelength_normal",
-        )
-    )
+    strata: Strata = archive.strata
+    layers = strata.layers()
+    apart, layered = segregation(archive), float(layers["layered_share"])
+    word = regime(layered, apart, settled_thickness(archive) / total_inflow(archive))
+    kink = Measured(*mean_velocity(strata.kinks()))
+    kink = kink._replace(value=-kink.value)
+    front = Measured(*mean_velocity(strata.fronts()))
+    period = Measured(*cycle_period(strata.kinks()))
+    told = layers if word in LAYERED_REGIMES else _untold(layers)
+    wavelength = Measured(float(told["wavelength"]), float(told["wavelength_error"]))
     v, r0, length = velocity(archive), total_inflow(archive), cell_length(archive)
-    rows: dict[str, tuple[Any, str, str]] = {
-        "regime": (word, "", "what the pour did"),
-        "layering": (strength, "1", "strength of the layering"),
-        "segregation": (apart, "1", "degree of segregation along x"),
-        "kink_velocity": (kink, "cm s-1", "velocity of kinks, uphill"),
-        "kink_velocity_error": (kink_error, "cm s-1", "standard error of kink_velocity"),
-        "front_velocity": (front, "cm s-1", "velocity of avalanche fronts, downhill"),
-        "front_velocity_error": (front_error, "cm s-1", "standard error of front_velocity"),
-        "cycle_period": (period, "s", "time between kinks"),
-        "cycle_period_error": (period_error, "s", "standard error of cycle_period"),
-        "wavelength": (wavelength, "cm", "vertical wavelength of the layers"),
-        "wavelength_error": (error, "cm", "standard error of wavelength"),
-        "wavelength_spread": (spread, "cm", "standard deviation of wavelength over x"),
-        "wavelength_normal": (normal, "cm", "wavelength normal to the layers"),
-        "wavelength_normal_error": (
-            error * normal / wavelength,
-            "cm",
-            "standard error of wavelength_normal",
-        ),
-        "wavelength_of_period": (rise_velocity(archive) * period, "cm", "R0 v T / L"),
-        "wavelength_of_velocities": (
-            flux(archive) * (1 / front + 1 / kink),
-            "cm",
-            "R0 v (1 / v_f + 1 / v_k)",
-        ),
-        "kink_velocity_scaled": (kink / v, "1", "kink_velocity / v"),
-        "front_velocity_scaled": (front / v, "1", "front_velocity / v"),
-        "cycle_period_scaled": (period * v / length, "1", "cycle_period v / L"),
-        "wavelength_scaled": (wavelength / r0, "1", "wavelength / R0"),
-    }
-    return xr.Dataset(
+    numbers = xr.Dataset(
         {
-            name: ((), value, {"long_name": meaning} | ({"units": units} if units else {}))
-            for name, (value, units, meaning) in rows.items()
+            "regime": quantity(word, "", "what the pour did"),
+            "segregation": quantity(apart, "1", "degree of segregation along x"),
+        }
+        | _with_error("kink_velocity", kink, "cm s-1", "velocity of kinks, uphill")
+        | _with_error("front_velocity", front, "cm s-1", "velocity of avalanche fronts, downhill")
+        | _with_error("cycle_period", period, "s", "time between kinks")
+        | {
+            "kink_velocity_scaled": quantity(kink.value / v, "1", "kink_velocity / v"),
+            "front_velocity_scaled": quantity(front.value / v, "1", "front_velocity / v"),
+            "cycle_period_scaled": quantity(period.value * v / length, "1", "cycle_period v / L"),
+            "wavelength_scaled": quantity(wavelength.value / r0, "1", "wavelength / R0"),
+            "volume_residual": quantity(
+                volume_residual(archive),
+                "1",
+                "poured, but neither rolling nor at rest: the largest part of any species",
+            ),
         }
     )
+    for name, balance in balances(archive, wavelength, period, front, kink).items():
+        numbers = numbers.assign(_with_error(name, balance, *BALANCES[name]))
+    scalars = [name for name in told.data_vars if not told[name].dims]
+    return numbers.assign({name: told[name] for name in scalars}).assign_attrs(layers.attrs)
+
+
+def _untold(layers: xr.Dataset) -> xr.Dataset:
+    """`layers` without the numbers of layers, which are those of weak stripes or of chance."""
+    kept = [name for name in layers.data_vars if str(name).startswith(("zone_", "layering"))]
+    kept += ["pure_share", "layered_share"]
+    return layers.where(False).assign({name: layers[name] for name in kept})
+
+
+def _with_error(name: str, number: Measured, units: str, long_name: str) -> dict[str, Any]:
+    return {
+        name: quantity(number.value, units, long_name),
+        f"{name}_error": quantity(number.error, units, f"standard error of {name}"),
+    }
 
 
 def compare(archives: Sequence[xr.Dataset]) -> xr.Dataset:
@@ -103,7 +100,8 @@ def compare(archives: Sequence[xr.Dataset]) -> xr.Dataset:
     :class:`ArchiveError` where the archives are of different pours.
     """
     refuse_unlike(archives)
-    measured = xr.concat([measure(archive) for archive in archives], "model")
+    each: list[xr.Dataset] = [archive.strata.measure() for archive in archives]
+    measured: xr.Dataset = xr.concat(each, "model", combine_attrs="drop_conflicts")
     measured = measured.assign_coords(
         model_name=("model", [archive.attrs["model"] for archive in archives])
     ).set_xindex("model_name")
@@ -118,9 +116,10 @@ def compare(archives: Sequence[xr.Dataset]) -> xr.Dataset:
         "experiment": archives[0].attrs["experiment"],
     }
     comments = [
-        f"{archive.attrs['model']}: {archive.attrs['comment']}"
-        for archive in archives
-        if "comment" in archive.attrs
+        f"{archive.attrs['model']}: {told.attrs['comment']}"
+        for archive, numbers in zip(archives, each, strict=True)
+        for told in (archive, numbers)
+        if "comment" in told.attrs
     ]
     if published is not None:
         for name in ("wavelength", "kink_velocity"):

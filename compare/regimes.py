@@ -1,13 +1,15 @@
-"""What a pour did, from two numbers that the deposit gives.
+"""What a pour did, in a word, from what its deposit gives.
 
-    layering     strength of what repeats along the vertical (:mod:`compare.deposit`)
-    segregation  standard deviation over x of the column's mean coarseness, over its largest
-                 possible value sqrt(f (1 - f)), f the coarseness of all: 1 where species lie apart
+    layered_share  share of the slope where there are layers (:mod:`compare.deposit.zones`)
+    segregation    standard deviation over x of the column's mean coarseness, over its largest
+                   possible value sqrt(f (1 - f)), f the coarseness of all: 1 for species apart
+
+                                   segregation < SEGREGATED   >= SEGREGATED
+    layered_share >= LAYERED_SHARE     stratified             layered-and-segregated
+                  <                    mixed                  segregated
 
 unsettled where less than THINNEST R0 was laid after the transient, some two cycles: too little to
-tell; else segregated where segregation >= SEGREGATED; else stratified where layering >= STRATIFIED;
-else mixed.
-A segregated pile may have weak stripes where its species meet: `layering` tells.
+tell. The two thresholds were read off pours that had been labelled by eye (tests/labelled).
 """
 
 import numpy as np
@@ -15,11 +17,12 @@ import xarray as xr
 
 from compare.deposit import settled_profiles
 
-__all__ = ["regime", "segregation"]
+__all__ = ["LAYERED_REGIMES", "regime", "segregation"]
 
-STRATIFIED = 0.25
+LAYERED_SHARE = 0.2
 SEGREGATED = 0.5
 THINNEST = 5.0  # R0
+LAYERED_REGIMES = ("stratified", "layered-and-segregated")
 
 
 def segregation(archive: xr.Dataset) -> float:
@@ -33,13 +36,14 @@ def segregation(archive: xr.Dataset) -> float:
     return float(means.std() / largest) if largest > 0 else 0.0
 
 
-def regime(layering: float, segregated: float, thickness: float) -> str:
-    """`stratified`, `segregated`, `mixed` or `unsettled`.
+def regime(layered_share: float, segregated: float, thickness: float) -> str:
+    """`stratified`, `segregated`, `layered-and-segregated`, `mixed` or `unsettled`.
 
-    From `layering`, degree of segregation, and the thickness of the settled deposit over R0.
+    `segregated` is the degree of segregation, `thickness` that of the settled deposit over R0.
     """
     if thickness < THINNEST:
         return "unsettled"
-    if segregated >= SEGREGATED:
-        return "segregated"
-    return "stratified" if layering >= STRATIFIED else "mixed"
+    apart = segregated >= SEGREGATED
+    if layered_share >= LAYERED_SHARE:
+        return "layered-and-segregated" if apart else "stratified"
+    return "segregated" if apart else "mixed"

@@ -127,16 +127,17 @@ def test_segregation_is_one_for_species_apart_and_zero_for_stripes() -> None:
 
 
 @pytest.mark.parametrize(
-    ("layering", "apart", "thickness", "word"),
+    ("layered", "apart", "thickness", "word"),
     [
         (0.9, 0.1, 20.0, "stratified"),
-        (0.3, 0.9, 20.0, "segregated"),
+        (0.1, 0.9, 20.0, "segregated"),
+        (0.6, 0.7, 20.0, "layered-and-segregated"),
         (0.1, 0.2, 20.0, "mixed"),
         (0.9, 0.1, 2.0, "unsettled"),
     ],
 )
-def test_a_regime_is_named_after_its_order_parameters(layering, apart, thickness, word) -> None:
-    assert regime(layering, apart, thickness) == word
+def test_a_regime_is_named_after_its_order_parameters(layered, apart, thickness, word) -> None:
+    assert regime(layered, apart, thickness) == word
 
 
 @pytest.fixture(scope="module")
@@ -169,7 +170,7 @@ def test_a_comparison_prints_as_a_table_and_as_plain_numbers(comparison) -> None
     [
         ("ca_model", "lattice-stratification", ["pour.duration=30.0"]),
         ("ca_model", "lattice-stratification", ["cell.length=3.0", "pour.duration=30.0"]),
-        ("ca_model", "lattice-stratification", ["cell.length=5.0", "pour.records=1"]),
+        ("ca_model", "lattice-stratification", ["cell.length=3.0", "pour.records=1"]),
         ("continuum", "makse-stratification", ["pour.duration=5.0", "cell.start_slope=0.0"]),
         ("continuum", "makse-stratification", ["continuum.cells=3", "pour.records=3"]),
     ],

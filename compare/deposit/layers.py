@@ -20,6 +20,7 @@ from compare.deposit.dual import plateaus
 from compare.deposit.inclination import along_layers, settle, shifts, surface_slope
 from compare.deposit.profiles import settled_coarseness
 from compare.deposit.spectrum import Correlation, Repeat, correlate
+from compare.deposit.zones import coherences, zones
 from compare.quantities import measured_columns, quantity
 from experiment.arrays import Floats
 
@@ -29,6 +30,7 @@ AGREE = 0.1
 TOGETHER = 20  # this part of the columns is looked at together, where one alone is noise
 FEWEST = 5  # columns of it
 SMOOTHED = 10  # this part of a wavelength is averaged before layers are counted
+THINNEST = 4  # mean grain diameters, a pair of layers
 CLEAR = 0.5  # of the mean strength, in columns that are looked at further
 
 SCALARS = {
@@ -53,10 +55,19 @@ SCALARS = {
     "inclination": ("1", "slope of the layers"),
     "inclination_error": ("1", "standard error of inclination"),
     "layering": ("1", "strength of the layering"),
+    "zone_small_begin": ("cm", "upper edge of the zone of small grains"),
+    "zone_small_end": ("cm", "lower edge of the zone of small grains"),
+    "zone_large_begin": ("cm", "upper edge of the zone of large grains"),
+    "zone_large_end": ("cm", "lower edge of the zone of large grains"),
+    "zone_layered_begin": ("cm", "upper edge of the zone of layers"),
+    "zone_layered_end": ("cm", "lower edge of the zone of layers"),
+    "pure_share": ("1", "share of the slope where one kind of grain lies nearly alone"),
+    "layered_share": ("1", "share of the slope where there are layers"),
 }
 IN_PLACE = {
     "wavelength_at": ("cm", "vertical wavelength of the layers in place"),
     "layering_at": ("1", "strength of the layering in place"),
+    "coherence_at": ("1", "share of the variance that lies in layers, in place"),
     "coarseness_at": ("1", "mean coarseness of the deposit in place"),
 }
 
@@ -65,29 +76,36 @@ def layers(archive: xr.Dataset) -> xr.Dataset:
     """Layers of the settled part of a pour, in its measured columns; see :func:`layers_of`."""
     coarse = settled_coarseness(archive)
     slope = coarse["x"].values > 0
-    return layers_of(coarse.isel(x=slope), measured_columns(archive)[slope])
+    grain = float(archive["grain_diameter"].mean())
+    return layers_of(coarse.isel(x=slope), measured_columns(archive)[slope], grain)
 
 
-def layers_of(coarse: xr.DataArray, measured: NDArray[np.bool_] | None = None) -> xr.Dataset:
+def layers_of(
+    coarse: xr.DataArray, measured: NDArray[np.bool_] | None = None, grain: float = 0.0
+) -> xr.Dataset:
     """Layers of a deposit of coarseness `coarse` (z, x), evenly spaced in cm, NaN outside of it.
 
-    A Dataset of SCALARS, from the columns `measured` (x,), all of them by default, and of what is
-    IN_PLACE (x), in every column. wavelength is by spectrum and along the vertical; all of it is
-    NaN, and layering 0, where there are no layers. The attribute `comment`, where it is there,
-    tells what should be looked at twice.
+    A Dataset of SCALARS, from the columns `measured` (x,), all of them by default, but for zones
+    and shares, which are of the whole slope; and of what is IN_PLACE (x), in every column.
+    Where the mean diameter of a `grain` [cm] is given, what alternates grain by grain is no layer.
+    wavelength is by spectrum and along the vertical; it and all that hangs on it is NaN, and
+    layering 0, where there are no layers. The attribute `comment`, where it is there, tells what
+    should be looked at twice.
     """
     values, floor = settle(np.asarray(coarse.values, dtype=np.float64))
     x = coarse["x"].values
     chosen = np.ones(len(x), bool) if measured is None else measured
     dz, dx = _spacing(coarse["z"].values), _spacing(x)
     correlation = correlate(values)
-    repeat = correlation.pooled(chosen).repeat()
+    repeat = correlation.pooled(chosen).repeat(THINNEST * grain / dz)
     local = _repeats_in_place(correlation, repeat)
+    coherence: Floats = np.zeros(len(x))
     found = {"layering": repeat.strength}
     if np.isfinite(repeat.lag):
         layered = chosen & (local.strength >= CLEAR * repeat.strength)
         rise = _rise(values, floor, repeat.lag)
         profiles = along_layers(values, rise, _part(len(x), TOGETHER))
+        coherence = coherences(values, profiles, _part(len(x), TOGETHER))
         columns = [_pairs(column, repeat.lag) for column in profiles.T]
         counted = count_layers([columns[i] for i in np.flatnonzero(layered)])
         slope, slope_error = _middle(-(rise + np.diff(floor))[layered[:-1] & layered[1:]] * dz / dx)
@@ -95,8 +113,10 @@ def layers_of(coarse: xr.DataArray, measured: NDArray[np.bool_] | None = None) -
         found |= _drift(x[layered], local.lag[layered] * dz)
         pairs = [columns[i].pair.mean() if len(columns[i].pair) else np.nan for i in range(len(x))]
         found |= _two_wavelengths(np.where(layered, pairs, np.nan) * dz, x)
+    mean = _column_mean(values)
+    found |= zones(x, mean, local.strength, coherence)
     comment = _second_thoughts(found)
-    in_place = (local.lag * dz, local.strength, _column_mean(values))
+    in_place = (local.lag * dz, local.strength, coherence, mean)
     return xr.Dataset(
         {name: quantity(found.get(name, np.nan), *told) for name, told in SCALARS.items()}
         | {

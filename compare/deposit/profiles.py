@@ -11,7 +11,7 @@ __all__ = ["settled_coarseness", "settled_profiles"]
 
 def settled_coarseness(archive: xr.Dataset) -> xr.DataArray:
     """Coarseness (z, x) of what was laid after the transient; NaN elsewhere."""
-    start = archive["height"].interp(time=settled_since(archive))
+    start = archive["height"].interp(time=settled_since(archive)).drop_vars("time")
     coarse = coarseness(archive["deposit_fraction"], archive).astype(np.float64)
     return coarse.where(archive["z"] > start).transpose("z", "x")
 

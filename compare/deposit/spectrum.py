@@ -58,9 +58,9 @@ class Correlation(NamedTuple):
 
         return Correlation(smooth(self.sums), smooth(self.terms))
 
-    def repeat(self, column: int = 0) -> Repeat:
-        """The lag at which the pattern of a column repeats, and its strength."""
-        a, share = self._normalized(column)
+    def repeat(self, shortest: float = 0.0) -> Repeat:
+        """Of a single column: where it repeats, unless that is below the `shortest` lag."""
+        a, share = self._normalized(0)
         negative = np.flatnonzero(a < 0)
         if not len(negative):
             return NOTHING
@@ -71,7 +71,8 @@ class Correlation(NamedTuple):
             return NOTHING
         chosen = int(peaks[counted >= AS_HIGH_AS * counted.max()][0])
         strength = float(2.0 * np.sqrt(a[chosen]))
-        return Repeat(_summit(a, chosen), strength) if strength >= WEAKEST else NOTHING
+        repeat = Repeat(_summit(a, chosen), strength)
+        return repeat if strength >= WEAKEST and repeat.lag >= shortest else NOTHING
 
     def repeat_near(self, lag: float, column: int) -> Repeat:
         """As :meth:`repeat`, but the highest peak near `lag`."""

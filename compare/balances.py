@@ -1,0 +1,67 @@
+"""Balances that must hold between what the deposit, the kymograph and the scales tell.
+
+    lambda = R0 v T / L                  one cycle of period T lays one wavelength
+    lambda = R0 v (1 / v_f + 1 / v_k)    a cycle is a front's way down and a kink's way up
+    lambda = R0 (v + v_k) / v_k          the same, where fronts are as fast as grains (v_f = v)
+    poured = rolling + deposited + fallen off an open end, of each species
+
+The first holds to the errors of its parts, for it is the conservation of volume; the second as far
+as a cycle has no pause and lines run straight; the third where fronts lose no grains on their way.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from compare.quantities import flux, rise_velocity, total_inflow, velocity
+
+__all__ = ["Measured", "balances", "volume_residual"]
+
+
+class Measured(NamedTuple):
+    """A number and its standard error; NaN where there is none."""
+
+    value: float
+    error: float
+
+
+def balances(
+    archive: xr.Dataset, wavelength: Measured, period: Measured, front: Measured, kink: Measured
+) -> dict[str, Measured]:
+    """What each balance says of the wavelength [cm], and its residual: wavelength over that - 1."""
+    v, r0, rate = velocity(archive), total_inflow(archive), flux(archive)
+    rise = rise_velocity(archive)
+    down, up = (Measured(1 / line.value, line.error / line.value**2) for line in (front, kink))
+    expected = {
+        "period": Measured(rise * period.value, rise * period.error),
+        "velocities": Measured(
+            rate * (down.value + up.value), rate * float(np.hypot(down.error, up.error))
+        ),
+        "kinks": Measured(r0 + r0 * v * up.value, r0 * v * up.error),
+    }
+    told: dict[str, Measured] = {}
+    for name, right in expected.items():
+        told[f"wavelength_of_{name}"] = right
+        told[f"{name}_residual"] = _residual(wavelength, right)
+    return told
+
+
+def volume_residual(archive: xr.Dataset) -> float:
+    """The largest part of what was poured of a species by then that is unaccounted for.
+
+    |poured - rolling - deposited - fallen off| over what was poured of the species in the end.
+    """
+    there = ("rolling_volume", "deposited_volume", "outflow_volume")
+    poured = archive["poured_volume"]
+    missing = abs(poured - sum(archive[name] for name in there)).max("time")
+    total = poured.isel(time=-1)
+    return float((missing / total.where(total > 0)).max())
+
+
+def _residual(left: Measured, right: Measured) -> Measured:
+    value = left.value / right.value
+    return Measured(
+        value - 1,
+        value * float(np.hypot(left.error / left.value, right.error / right.value)),
+    )

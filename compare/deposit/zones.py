@@ -1,0 +1,67 @@
+"""Zones along the slope: where small grains lie alone, where large ones do, where there are layers.
+
+A column belongs to the small (large) grains where the mean coarseness of what was laid is below
+PURE (above 1 - PURE); and to the layers where these are at least FAINTEST strong and at least
+COHERENT. A zone is the longest run of such columns; it begins at the upper edge of the first one.
+
+Coherence is that part of the variance of a column's coarseness that an average along the layers
+keeps: of n columns of grains that know nothing of each other 1/n is kept, which counts as 0.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.arrays import Floats
+
+__all__ = ["coherences", "zones"]
+
+PURE = 0.1
+FAINTEST = 0.1
+COHERENT = 0.4
+
+
+def zones(x: Floats, coarseness: Floats, layering: Floats, coherence: Floats) -> dict[str, float]:
+    """Where zones begin and end [cm], NaN where there is none; and shares of the slope.
+
+    From the mean `coarseness`, the strength of `layering` and the `coherence` of the columns at
+    `x`, all (x,). What is still bare (NaN) is left out of the shares.
+    """
+    known = np.isfinite(coarseness)
+    mean = np.where(known, coarseness, 0.5)
+    small, large = mean < PURE, mean > 1 - PURE
+    layered = known & (layering >= FAINTEST) & (coherence >= COHERENT)
+    found: dict[str, float] = {}
+    for name, zone in (("small", small), ("large", large), ("layered", layered)):
+        found[f"zone_{name}_begin"], found[f"zone_{name}_end"] = _longest_run(x, zone)
+    columns = max(1, int(known.sum()))
+    return found | {
+        "pure_share": float((small | large).sum() / columns),
+        "layered_share": float(layered.sum() / columns),
+    }
+
+
+def coherences(coarse: Floats, averaged: Floats, width: int) -> Floats:
+    """Coherence (x,) of `coarse` (z, x), from 0 to 1, and of its average over `width` columns."""
+    raw, kept = (_variance(values) for values in (coarse, averaged))
+    share = np.where(raw > 0, kept / np.where(raw > 0, raw, 1.0), 0.0)
+    return np.clip((share - 1 / width) / (1 - 1 / width), 0.0, 1.0)
+
+
+def _variance(values: Floats) -> Floats:
+    """That of each column, NaN left out; 0 of an empty one."""
+    inside = np.isfinite(values)
+    number = np.maximum(inside.sum(axis=0), 1)
+    mean = np.where(inside, values, 0.0).sum(axis=0) / number
+    variance: Floats = np.square(np.where(inside, values - mean, 0.0)).sum(axis=0) / number
+    return variance
+
+
+def _longest_run(x: Floats, inside: NDArray[np.bool_]) -> tuple[float, float]:
+    """The edges of the longest run of columns that are `inside`."""
+    steps = np.diff(np.concatenate([[False], inside, [False]]).astype(int))
+    begins, ends = np.flatnonzero(steps == 1), np.flatnonzero(steps == -1)
+    if not len(begins):
+        return np.nan, np.nan
+    longest = int((ends - begins).argmax())
+    half = (x[1] - x[0]) / 2 if len(x) > 1 else 0.0
+    return float(x[begins[longest]] - half), float(x[ends[longest] - 1] + half)
