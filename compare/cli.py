@@ -21,6 +21,7 @@ from compare.convergence import converge as converge_archives
 from compare.convergence import refinement_ratio
 from compare.figure import draw, save
 from compare.measurement import compare as compare_archives
+from compare.measurement import in_detail
 from compare.table import as_records, convergence_record, convergence_table, table
 from experiment import (
     ArchiveError,
@@ -122,9 +123,11 @@ def compare(folders: tuple[Path, ...], as_json: bool, force: bool) -> None:
     archives = [_read_all(folder) for folder in folders]
     comparisons = [compare_archives(models) for models in archives]
     pictures = [draw(models) for models in archives]
-    for folder, comparison, picture in zip(folders, comparisons, pictures, strict=True):
+    for folder, models, comparison, picture in zip(
+        folders, archives, comparisons, pictures, strict=True
+    ):
         save(picture, folder / "comparison.png", force=force)
-        write_whole(comparison, folder / "comparison.nc", force=force)
+        write_whole(comparison, folder / "comparison.nc", in_detail(models), force=force)
     if as_json:
         records = {str(f): as_records(c) for f, c in zip(folders, comparisons, strict=True)}
         click.echo(json.dumps(records, indent=2))

@@ -20,7 +20,7 @@ from compare.regimes import LAYERED_REGIMES, regime, segregation
 from experiment import ArchiveError
 from experiment.archive import experiment_of
 
-__all__ = ["compare", "measure", "refuse_unlike"]
+__all__ = ["compare", "in_detail", "measure", "refuse_unlike"]
 
 BALANCES = {
     "wavelength_of_period": ("cm", "R0 v T / L"),
@@ -76,14 +76,14 @@ def measure(archive: xr.Dataset) -> xr.Dataset:
     for name, balance in balances(archive, wavelength, period, front, kink).items():
         numbers = numbers.assign(_with_error(name, balance, *BALANCES[name]))
     scalars = [name for name in told.data_vars if not told[name].dims]
-    return numbers.assign({name: told[name] for name in scalars}).assign_attrs(layers.attrs)
+    return numbers.assign({name: told[name] for name in scalars}).assign_attrs(told.attrs)
 
 
 def _untold(layers: xr.Dataset) -> xr.Dataset:
     """`layers` without the numbers of layers, which are those of weak stripes or of chance."""
     kept = [name for name in layers.data_vars if str(name).startswith(("zone_", "layering"))]
     kept += ["pure_share", "layered_share"]
-    return layers.where(False).assign({name: layers[name] for name in kept})
+    return layers.where(False).assign({name: layers[name] for name in kept}).drop_attrs(deep=False)
 
 
 def _with_error(name: str, number: Measured, units: str, long_name: str) -> dict[str, Any]:
@@ -132,6 +132,19 @@ def compare(archives: Sequence[xr.Dataset]) -> xr.Dataset:
     if comments:
         notes["comment"] = "\n".join(comments)
     return measured.assign_attrs(notes)
+
+
+def in_detail(archives: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
+    """What the numbers of a comparison come from: MODEL/kinks, MODEL/fronts, MODEL/layers.
+
+    As groups of these names they are saved in comparison.nc beside the archives.
+    """
+    found: dict[str, xr.Dataset] = {}
+    for archive in archives:
+        strata: Strata = archive.strata
+        for name in ("kinks", "fronts", "layers"):
+            found[f"{archive.attrs['model']}/{name}"] = getattr(strata, name)()
+    return found
 
 
 def refuse_unlike(archives: Sequence[xr.Dataset]) -> None:

@@ -5,7 +5,7 @@ not know; :func:`write` puts it under its final name only once it is complete; :
 whatever is not such a file.
 """
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -114,25 +114,38 @@ def check(dataset: xr.Dataset, absent: Collection[str] = ()) -> xr.Dataset:
     return dataset
 
 
-def write_whole(dataset: xr.Dataset, path: Path, *, force: bool = False) -> Path:
+def write_whole(
+    dataset: xr.Dataset,
+    path: Path,
+    groups: Mapping[str, xr.Dataset] | None = None,
+    *,
+    force: bool = False,
+) -> Path:
     """Write any Dataset as netCDF-4 under a temporary name, then rename: whole or absent.
 
-    Raises :class:`OutputExistsError` where `path` exists and `force` is not given, and
+    `groups` are further Datasets, each put into the file's group of that name. Raises
+    :class:`OutputExistsError` where `path` exists and `force` is not given, and
     :class:`ArchiveError` where it cannot be written.
     """
     with whole_file(path, force=force) as part:
         store(dataset, part)
+        for name, group in (groups or {}).items():
+            store(group, part, "a", name)
     return path
 
 
-def store(dataset: xr.Dataset, path: Path, mode: Literal["w", "a"] = "w") -> None:
+def store(
+    dataset: xr.Dataset, path: Path, mode: Literal["w", "a"] = "w", group: str | None = None
+) -> None:
     """Put `dataset` into the netCDF-4 file `path`, a new one or (a) one that holds more."""
     encoding = {
         name: COMPRESSED | (AS_BYTES if _is_pure(values) else {"_FillValue": None})
         for name, values in dataset.variables.items()
-        if values.dtype.kind == "f" and values.ndim > 0
+        if values.dtype.kind == "f" and values.size > 0 and values.ndim > 0
     }
-    dataset.to_netcdf(path, mode, format="NETCDF4", engine="netcdf4", encoding=encoding)
+    dataset.to_netcdf(
+        path, mode, format="NETCDF4", group=group, engine="netcdf4", encoding=encoding
+    )
 
 
 def write(dataset: xr.Dataset, path: Path, *, force: bool = False) -> Path:
