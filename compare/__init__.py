@@ -9,7 +9,7 @@ from compare.deposit import layers, layers_of
 from compare.figure import draw
 from compare.kymograph import cycle_period, fronts, kinks
 from compare.measurement import compare, measure
-from compare.regimes import regime, segregation
+from compare.regimes import regime
 
 __all__ = [
     "Strata",
@@ -23,5 +23,4 @@ __all__ = [
     "layers_of",
     "measure",
     "regime",
-    "segregation",
 ]

@@ -16,7 +16,7 @@ from compare.quantities import (
     velocity,
     why_not_measured,
 )
-from compare.regimes import LAYERED_REGIMES, regime, segregation
+from compare.regimes import LAYERED_REGIMES, regime
 from experiment import ArchiveError
 from experiment.archive import experiment_of
 
@@ -44,8 +44,11 @@ def measure(archive: xr.Dataset) -> xr.Dataset:
         raise ArchiveError(reason)
     strata: Strata = archive.strata
     layers = strata.layers()
-    apart, layered = segregation(archive), float(layers["layered_share"])
-    word = regime(layered, apart, settled_thickness(archive) / total_inflow(archive))
+    word = regime(
+        float(layers["layered_share"]),
+        float(layers["segregation"]),
+        settled_thickness(archive) / total_inflow(archive),
+    )
     kink = Measured(*mean_velocity(strata.kinks()))
     kink = kink._replace(value=-kink.value)
     front = Measured(*mean_velocity(strata.fronts()))
@@ -54,10 +57,7 @@ def measure(archive: xr.Dataset) -> xr.Dataset:
     wavelength = Measured(float(told["wavelength"]), float(told["wavelength_error"]))
     v, r0, length = velocity(archive), total_inflow(archive), cell_length(archive)
     numbers = xr.Dataset(
-        {
-            "regime": quantity(word, "", "what the pour did"),
-            "segregation": quantity(apart, "1", "degree of segregation along x"),
-        }
+        {"regime": quantity(word, "", "what the pour did")}
         | _with_error("kink_velocity", kink, "cm s-1", "velocity of kinks, uphill")
         | _with_error("front_velocity", front, "cm s-1", "velocity of avalanche fronts, downhill")
         | _with_error("cycle_period", period, "s", "time between kinks")
@@ -81,8 +81,8 @@ def measure(archive: xr.Dataset) -> xr.Dataset:
 
 def _untold(layers: xr.Dataset) -> xr.Dataset:
     """`layers` without the numbers of layers, which are those of weak stripes or of chance."""
-    kept = [name for name in layers.data_vars if str(name).startswith(("zone_", "layering"))]
-    kept += ["pure_share", "layered_share"]
+    kept = [name for name in layers.data_vars if str(name).startswith("zone_")]
+    kept += ["layering", "pure_share", "layered_share", "segregation"]
     return layers.where(False).assign({name: layers[name] for name in kept}).drop_attrs(deep=False)
 
 

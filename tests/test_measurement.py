@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from compare import compare, cycle_period, draw, fronts, kinks, layers, measure, segregation
+from compare import compare, cycle_period, draw, fronts, kinks, layers, measure
 from compare.kymograph import mean_velocity
 from compare.quantities import settled_thickness, total_inflow
 from compare.regimes import regime
@@ -121,8 +121,8 @@ def test_two_unlike_pairs_a_cycle_are_one_wavelength() -> None:
 
 def test_segregation_is_one_for_species_apart_and_zero_for_stripes() -> None:
     apart = archive_of(calm, lambda above, x: (x > 50) + 0 * above)
-    assert segregation(apart) == pytest.approx(1.0)
-    assert segregation(archive_of(calm, stripes(0.73))) < 0.1
+    assert float(apart.strata.layers()["segregation"]) == pytest.approx(1.0)
+    assert float(archive_of(calm, stripes(0.73)).strata.layers()["segregation"]) < 0.1
     assert measure(apart)["regime"].item() == "segregated"
 
 

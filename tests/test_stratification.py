@@ -11,13 +11,20 @@ import pytest
 import xarray as xr
 
 from compare import kinks, measure
-from compare.deposit import settled_profiles
+from compare.deposit import settled_coarseness
 from compare.quantities import coarseness, rise_velocity
 
 Poured = Callable[..., xr.Dataset]
 
 DEEP = ("mixture.surface_depth=0.5", "mixture.curvature_length=0.0")
 LONG = ("pour.duration=4000.0", "pour.records=2000")
+
+
+def settled_profiles(archive: xr.Dataset) -> list[np.ndarray]:
+    """Coarseness (z,) of each column, as far as it was laid after the transient."""
+    return [column[np.isfinite(column)] for column in settled_coarseness(archive).values.T]
+
+
 STRATIFIED = [
     ("continuum", "makse-stratification"),
     ("continuum", "glass-sugar"),

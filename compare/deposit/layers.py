@@ -63,6 +63,7 @@ SCALARS = {
     "zone_layered_end": ("cm", "lower edge of the zone of layers"),
     "pure_share": ("1", "share of the slope where one kind of grain lies nearly alone"),
     "layered_share": ("1", "share of the slope where there are layers"),
+    "segregation": ("1", "degree of segregation along x"),
 }
 IN_PLACE = {
     "wavelength_at": ("cm", "vertical wavelength of the layers in place"),

@@ -4,9 +4,8 @@ import numpy as np
 import xarray as xr
 
 from compare.quantities import coarseness, settled_since
-from experiment.arrays import Floats
 
-__all__ = ["settled_coarseness", "settled_profiles"]
+__all__ = ["settled_coarseness"]
 
 
 def settled_coarseness(archive: xr.Dataset) -> xr.DataArray:
@@ -14,9 +13,3 @@ def settled_coarseness(archive: xr.Dataset) -> xr.DataArray:
     start = archive["height"].interp(time=settled_since(archive)).drop_vars("time")
     coarse = coarseness(archive["deposit_fraction"], archive).astype(np.float64)
     return coarse.where(archive["z"] > start).transpose("z", "x")
-
-
-def settled_profiles(archive: xr.Dataset) -> list[Floats]:
-    """Coarseness (z,) of each column of the deposit, as far as it was laid after the transient."""
-    coarse = settled_coarseness(archive).values
-    return [column[np.isfinite(column)] for column in coarse.T]

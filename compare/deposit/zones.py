@@ -1,5 +1,8 @@
 """Zones along the slope: where small grains lie alone, where large ones do, where there are layers.
 
+Segregation is the standard deviation over x of the column's mean coarseness, over its largest
+possible value sqrt(f (1 - f)), f the coarseness of all: 1 for species that lie apart.
+
 A column belongs to the small (large) grains where the mean coarseness of what was laid is below
 PURE (above 1 - PURE); and to the layers where these are at least FAINTEST strong and at least
 COHERENT. A zone is the longest run of such columns; it begins at the upper edge of the first one.
@@ -37,7 +40,16 @@ def zones(x: Floats, coarseness: Floats, layering: Floats, coherence: Floats) ->
     return found | {
         "pure_share": float((small | large).sum() / columns),
         "layered_share": float(layered.sum() / columns),
+        "segregation": _segregation(coarseness[known]),
     }
+
+
+def _segregation(coarseness: Floats) -> float:
+    if not len(coarseness):
+        return 0.0
+    overall = coarseness.mean()
+    largest = np.sqrt(overall * (1.0 - overall))
+    return float(coarseness.std() / largest) if largest > 0 else 0.0
 
 
 def coherences(coarse: Floats, averaged: Floats, width: int) -> Floats:
