@@ -20,11 +20,6 @@ DEEP = ("mixture.surface_depth=0.5", "mixture.curvature_length=0.0")
 LONG = ("pour.duration=4000.0", "pour.records=2000")
 
 
-def settled_profiles(archive: xr.Dataset) -> list[np.ndarray]:
-    """Coarseness (z,) of each column, as far as it was laid after the transient."""
-    return [column[np.isfinite(column)] for column in settled_coarseness(archive).values.T]
-
-
 STRATIFIED = [
     ("continuum", "makse-stratification"),
     ("continuum", "glass-sugar"),
@@ -32,6 +27,11 @@ STRATIFIED = [
     ("ca_model", "glass-sugar"),
     ("ca_model", "lattice-stratification"),
 ]
+
+
+def settled_profiles(archive: xr.Dataset) -> list[np.ndarray]:
+    """Coarseness (z,) of each column, as far as it was laid after the transient."""
+    return [column[np.isfinite(column)] for column in settled_coarseness(archive).values.T]
 
 
 @pytest.mark.parametrize(
