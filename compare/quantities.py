@@ -1,5 +1,7 @@
 """What every measurement takes from an archive: the pour's scales, and where and when to look."""
 
+import math
+
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -11,8 +13,10 @@ __all__ = [
     "cell_length",
     "cell_width",
     "coarseness",
+    "collision_rate",
     "flux",
     "measured_columns",
+    "named",
     "rise_velocity",
     "settled_since",
     "settled_thickness",
@@ -38,6 +42,14 @@ def flux(archive: xr.Dataset) -> float:
 def velocity(archive: xr.Dataset) -> float:
     """The drift velocity v [cm/s] of the grains, averaged over what is poured."""
     return flux(archive) / total_inflow(archive)
+
+
+def collision_rate(archive: xr.Dataset) -> float:
+    """The rate gamma = sum_a gamma_aa R_a^0 / R0 [1/s]; NaN where there are no collision rates."""
+    if "collision_rate" not in archive:
+        return math.nan
+    direct = np.diagonal(archive["collision_rate"].values)
+    return float(direct @ archive["inflow"].values) / total_inflow(archive)
 
 
 def cell_width(archive: xr.Dataset) -> float:
@@ -105,3 +117,8 @@ def coarseness(fraction: xr.DataArray, archive: xr.Dataset) -> xr.DataArray:
     if spread > 0:
         return fraction.dot((diameter - diameter.min()) / spread, dim="species")
     return fraction.isel(species=-1, drop=True)
+
+
+def named(meaning: str, units: str = "1") -> dict[str, str]:
+    """The attributes of a variable."""
+    return {"units": units, "long_name": meaning}
