@@ -103,7 +103,7 @@ def _at_once(jobs: Jobs, workers: int) -> Outcomes:
             "fewer workers need less"
         ) from None
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+        pool.shutdown(cancel_futures=True)
 
 
 def _start() -> None:
