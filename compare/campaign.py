@@ -63,16 +63,15 @@ def campaign(
     called with the share that is done. Raises :class:`StratifyError` where every pour fails.
     """
     jobs = [(model, experiment) for model in models for experiment in experiments]
-    outcomes: list[Outcome | None] = [None] * len(jobs)
+    outcomes: dict[int, Outcome] = {}
     workers = min(workers or os.cpu_count() or 1, len(jobs))
     finished = _in_turn(jobs) if workers <= 1 else _at_once(jobs, workers)
     with closing(finished):
-        for done, (job, outcome) in enumerate(finished, start=1):
+        for job, outcome in finished:
             outcomes[job] = outcome
             if progress is not None:
-                progress(done / len(jobs))
-    found = [outcome for outcome in outcomes if outcome is not None]
-    return _table(found, models, len(experiments))
+                progress(len(outcomes) / len(jobs))
+    return _table([outcomes[job] for job in range(len(jobs))], models, len(experiments))
 
 
 def with_chance(experiment: Experiment, model: str) -> bool:

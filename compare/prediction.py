@@ -51,7 +51,8 @@ def with_piles(
     found = campaign(
         piles(experiment, count), models_with_chance(experiment, models), progress=progress
     )
-    return _beside(comparison, piles_mean(found).reindex(model_name=models), _failures(found))
+    by_name = piles_mean(found).swap_dims(model="model_name").reindex(model_name=models)
+    return _beside(comparison, by_name.swap_dims(model_name="model"), _failures(found))
 
 
 def models_with_chance(experiment: Experiment, models: Sequence[str]) -> list[str]:

@@ -166,7 +166,8 @@ def _follows(key: str, predicted: xr.Dataset) -> str:
 
 
 def _number_of_piles(told: xr.Dataset) -> str:
-    return f"{told['piles_wavelength_count'].item():.0f} piles"
+    count = told["piles_wavelength_count"].item()
+    return f"{count:.0f} piles" if math.isfinite(count) else ""
 
 
 def _mean_of_piles(name: str, told: xr.Dataset) -> str:
