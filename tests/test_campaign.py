@@ -1,11 +1,13 @@
 """Many pours at once: the same numbers for any number of workers, and one that fails stops none."""
 
+import multiprocessing
+
 import numpy as np
 import pytest
 import xarray as xr
 
 from compare import campaign, measure
-from compare.campaign import with_chance
+from compare.campaign import POUR, with_chance
 from experiment import Experiment, StratifyError, load
 
 
@@ -60,9 +62,17 @@ def test_a_model_that_stumbles_is_told_with_its_error(pours, monkeypatch) -> Non
     def stumble(_: Experiment) -> xr.Dataset:
         raise ZeroDivisionError("too thin")
 
-    monkeypatch.setitem(campaign.__globals__["POUR"], "ca_model", stumble)
+    monkeypatch.setitem(POUR, "ca_model", stumble)
     found = campaign(pours[:1], workers=1)
     assert found["failure"].values.tolist() == [["ZeroDivisionError: too thin"], [""]]
+
+
+def test_a_worker_that_is_ended_from_outside_ends_the_campaign_in_one_line(pours) -> None:
+    def end_a_worker(_: float) -> None:
+        multiprocessing.active_children()[0].kill()
+
+    with pytest.raises(StratifyError, match="ended from outside"):
+        campaign(pours[:3] * 4, ["ca_model"], workers=2, progress=end_a_worker)
 
 
 def test_progress_grows_to_one(pours) -> None:

@@ -5,7 +5,16 @@ import pytest
 import xarray as xr
 from scipy.stats import spearmanr
 
-from compare import draw_scaling, draws, fit_wavelength, over_inflow, piles, piles_mean, predict
+from compare import (
+    campaign,
+    draw_scaling,
+    draws,
+    fit_wavelength,
+    over_inflow,
+    piles,
+    piles_mean,
+    predict,
+)
 from compare.ensemble import ranges, with_ranges
 from compare.scaling import fit
 from experiment import Experiment, SetupError, load
@@ -103,14 +112,14 @@ def test_a_prediction_counts_the_draws_that_stratify_and_no_others() -> None:
     wavelength = [*order, *np.full(22, np.nan)]
     regime = ["stratified"] * 101 + ["mixed"] * 20 + [""] * 2
     kinks = [np.nan, *np.full(122, 3.0)]
-    campaign = found(regime, wavelength=wavelength, kink_velocity=kinks)
+    pours = found(regime, wavelength=wavelength, kink_velocity=kinks)
     unrelated = random.uniform(size=123)
     inputs = xr.DataArray(
         np.transpose([[*-order, *np.zeros(22)], unrelated]),
         dims=("pour", "input"),
         coords={"input_name": ("input", ["falls", "unrelated"])},
     ).set_xindex("input_name")
-    told = predict(campaign, inputs).sel(model_name="continuum")
+    told = predict(pours, inputs).sel(model_name="continuum")
     np.testing.assert_allclose(told["predicted_wavelength"], told["quantile"])
     assert told["predicted_wavelength_draws"] == 101
     assert told["predicted_kink_velocity_draws"] == 100
@@ -126,20 +135,20 @@ def test_a_prediction_counts_the_draws_that_stratify_and_no_others() -> None:
 
 def test_without_layers_there_is_no_prediction_and_no_error() -> None:
     regime = ["segregated"] * 8
-    campaign = found(regime, wavelength=[np.nan] * 8)
+    pours = found(regime, wavelength=[np.nan] * 8)
     _, inputs = draws(with_ranges(load("makse-stratification"), RANGES), 8)
-    told = predict(campaign, inputs)
+    told = predict(pours, inputs)
     assert told["predicted_wavelength"].isnull().all()
     assert told["predicted_wavelength_follows"].isnull().all()
     assert told["predicted_wavelength_draws"] == 0
     assert told["predicted_draws"] == 8
-    assert piles_mean(campaign)["piles_wavelength"].isnull().all()
+    assert piles_mean(pours)["piles_wavelength"].isnull().all()
 
 
 def test_piles_differ_by_their_number_and_their_mean_has_a_standard_error() -> None:
     assert [one.pour.pile for one in piles(load("glass-sugar"), 3)] == [0, 1, 2]
-    campaign = found(["stratified"] * 4 + ["mixed"], wavelength=[1.0, 2.0, 3.0, 4.0, 99.0])
-    told = piles_mean(campaign)
+    pours = found(["stratified"] * 4 + ["mixed"], wavelength=[1.0, 2.0, 3.0, 4.0, 99.0])
+    told = piles_mean(pours)
     assert told["piles_wavelength"].item() == 2.5
     assert told["piles_wavelength_error"].item() == pytest.approx(np.sqrt(5 / 3 / 4))
     assert told["piles_wavelength_count"].item() == 4
@@ -177,7 +186,7 @@ def test_the_linear_law_of_a_campaign_is_recovered_by_inflow() -> None:
     cycle = wavelength.copy()
     odd, halved = np.arange(28) % 7 == 5, np.arange(28) % 7 == 6
     wavelength = np.where(odd, np.nan, np.where(halved, wavelength / 2, wavelength))
-    campaign = found(
+    pours = found(
         ["mixed" if one else "stratified" for one in odd],
         wavelength=wavelength.tolist(),
         wavelength_of_velocities=cycle.tolist(),
@@ -185,7 +194,7 @@ def test_the_linear_law_of_a_campaign_is_recovered_by_inflow() -> None:
         drift_velocity=[2.0] * 28,
         collision_rate=[10.0] * 28,
     )
-    points = over_inflow(campaign)
+    points = over_inflow(pours)
     assert points["total_inflow"].values.tolist() == [0.1, 0.2, 0.4, 0.8]
     assert (points["pours"] == 6).all()
     assert (points["one_pair"] == 5).all()
@@ -198,3 +207,16 @@ def test_the_linear_law_of_a_campaign_is_recovered_by_inflow() -> None:
     assert abs(line["curvature"]) < 3 * line["curvature_error"]
     titles = [axes.get_xlabel() for axes in draw_scaling(points).axes]
     assert titles == ["R0 (cm)", "v / v_k", "gamma R0 / v"]
+
+
+def test_glass_and_sugar_are_predicted_to_lie_in_layers_of_a_centimetre() -> None:
+    """The measured 1.2 cm is at the upper end; the depth of the surface layer matters most."""
+    drawn, inputs = draws(load("glass-sugar"), 16)
+    told = predict(campaign(drawn, ["continuum"], workers=1), inputs).isel(model=0)
+    assert told["predicted_wavelength_draws"] == 16
+    low, middle, high = told["predicted_wavelength"].sel(quantile=[0.05, 0.5, 0.95]).values
+    assert 0.8 < low < 0.95
+    assert 0.98 < middle < 1.1
+    assert 1.1 < high < 1.3
+    follows = told["predicted_wavelength_follows"]
+    assert follows["input_name"][abs(follows).argmax("input")] == "mixture.surface_depth"
