@@ -1,9 +1,9 @@
 """Many pours, each measured as it is poured: a campaign.
 
 A pour takes a fraction of a second, most of it outside the kernels, and that holds the interpreter:
-on two processors, 24 pours of glass-sugar on the lattice took 2.6 s on one thread, 2.5 s on two, and
-1.5 to 2 s in two processes, once these had started (1.7 s). So each processor gets a process of its
-own. The numbers are the same for any number of them.
+on two processors, 24 pours of glass-sugar on the lattice took 2.6 s on one thread, 2.5 s on two,
+and 1.5 to 2 s in two processes, once these had started (1.7 s). So each processor gets a process of
+its own. The numbers are the same for any number of them.
 """
 
 import multiprocessing
