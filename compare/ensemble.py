@@ -64,8 +64,11 @@ def draws(
 ) -> tuple[list[Experiment], xr.DataArray]:
     """`count` set-ups in each of which what is uncertain has a value, and those values.
 
-    The values are an array (pour, input). Raises :class:`SetupError` where a draw makes no set-up.
+    The values are an array (pour, input). Raises :class:`SetupError` where nothing is uncertain, or
+    a draw makes no set-up.
     """
+    if not experiment.uncertain:
+        raise SetupError("uncertain: missing; it should name at least one field to draw")
     names = list(experiment.uncertain)
     low, high = np.array(list(experiment.uncertain.values())).T
     sample = qmc.LatinHypercube(

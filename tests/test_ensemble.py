@@ -88,6 +88,11 @@ def test_a_range_that_cannot_be_is_refused_in_one_line(uncertain, named: str) ->
     assert "\n" not in str(refusal.value)
 
 
+def test_where_nothing_is_uncertain_there_is_nothing_to_draw() -> None:
+    with pytest.raises(SetupError, match="uncertain: missing"):
+        draws(load("makse-stratification"), 4)
+
+
 def test_ranges_are_read_and_what_is_none_is_refused() -> None:
     assert ranges(["mixture.psi=0.1:0.3", "cell.length = 2:3e1"]) == {
         "mixture.psi": (0.1, 0.3),
