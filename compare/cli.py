@@ -17,11 +17,14 @@ from rich.progress import Progress
 
 import ca_model
 import continuum
+from compare.campaign import CHECK, POUR
 from compare.convergence import converge as converge_archives
 from compare.convergence import refinement_ratio
+from compare.ensemble import ranges
 from compare.figure import draw, save
 from compare.measurement import compare as compare_archives
 from compare.measurement import in_detail
+from compare.prediction import base, models_with_chance, with_piles, with_prediction
 from compare.table import as_records, convergence_record, convergence_table, table
 from experiment import (
     ArchiveError,
@@ -39,11 +42,6 @@ from experiment.files import make_folder, refuse_existing
 __all__ = ["cli", "main"]
 
 BAD_INPUT = 2
-POUR: dict[str, Callable[..., xr.Dataset]] = {
-    "ca_model": ca_model.pour,
-    "continuum": continuum.pour,
-}
-CHECK = {"ca_model": ca_model.check, "continuum": continuum.check}
 
 path_type = click.Path(path_type=Path)
 force_option = click.option("--force", is_flag=True, help="Replace files that are there already.")
@@ -109,20 +107,52 @@ def pour(
 
 @cli.command()
 @click.argument("folders", nargs=-1, required=True, type=path_type, metavar="FOLDER...")
+@click.option(
+    "--vary",
+    multiple=True,
+    metavar="KEY=LOW:HIGH",
+    help="What is uncertain, besides the set-up's own [uncertain].",
+)
+@click.option(
+    "--draws",
+    type=click.IntRange(0, 1_000_000),
+    default=32,
+    show_default=True,
+    help="Pours that predict a range, where something is uncertain.",
+)
+@click.option(
+    "--seeds",
+    type=click.IntRange(0, 1_000_000),
+    default=0,
+    show_default=True,
+    help="Piles to average over, in a model where chance matters.",
+)
 @json_option
 @force_option
-def compare(folders: tuple[Path, ...], as_json: bool, force: bool) -> None:
+def compare(
+    folders: tuple[Path, ...],
+    vary: tuple[str, ...],
+    draws: int,
+    seeds: int,
+    as_json: bool,
+    force: bool,
+) -> None:
     """Measure kinks and layers in each FOLDER that `pour` wrote; put the models side by side.
 
-    Prints one table, and writes comparison.nc and comparison.png into each folder.
+    Prints one table, and writes comparison.nc and comparison.png into each folder. Where inputs are
+    uncertain, it pours draws of them and predicts ranges.
 
-    Example: stratify compare pours/glass-sugar pours/thicker
+    Example: stratify compare pours/glass-sugar --vary mixture.psi=0.1:0.3 --draws 64
     """
     outputs = [folder / name for folder in folders for name in ("comparison.nc", "comparison.png")]
     refuse_existing(outputs, force=force)
     archives = [_read_all(folder) for folder in folders]
+    setups = [base(models, ranges(vary)) for models in archives]
     comparisons = [compare_archives(models) for models in archives]
     pictures = [draw(models) for models in archives]
+    console = _console(stderr=as_json)
+    for k, setup in enumerate(setups):
+        comparisons[k] = _with_campaigns(comparisons[k], setup, draws, seeds, console)
     for folder, models, comparison, picture in zip(
         folders, archives, comparisons, pictures, strict=True
     ):
@@ -132,7 +162,7 @@ def compare(folders: tuple[Path, ...], as_json: bool, force: bool) -> None:
         records = {str(f): as_records(c) for f, c in zip(folders, comparisons, strict=True)}
         click.echo(json.dumps(records, indent=2))
         return
-    _console().print(table(comparisons))
+    console.print(table(comparisons))
     for comparison in comparisons:
         for comment in comparison.attrs.get("comment", "").splitlines():
             _say(f"{comparison.attrs['title']}: {comment}")
@@ -247,6 +277,21 @@ def _read_all(folder: Path) -> list[xr.Dataset]:
     if not there:
         raise ArchiveError(f"{str(folder)!r} holds no archive; allowed: a folder that `pour` wrote")
     return [read(path) for path in there]
+
+
+def _with_campaigns(
+    comparison: xr.Dataset, experiment: Experiment, draws: int, seeds: int, console: Console
+) -> xr.Dataset:
+    """The comparison with its prediction, if something is uncertain, and with means over piles."""
+    if experiment.uncertain and draws:
+        with _bars(console) as bars, _progress(f"{draws} draws", bars) as progress:
+            comparison = with_prediction(comparison, experiment, draws, progress)
+    if seeds and not models_with_chance(experiment, comparison["model_name"].values.tolist()):
+        _say(f"{experiment.title}: chance has no part in it, all piles are alike", console)
+    elif seeds:
+        with _bars(console) as bars, _progress(f"{seeds} piles", bars) as progress:
+            comparison = with_piles(comparison, experiment, seeds, progress)
+    return comparison
 
 
 def _load(setup: str, settings: tuple[str, ...]) -> Experiment:

@@ -1,5 +1,6 @@
 """What every measurement takes from an archive: the pour's scales, and where and when to look."""
 
+import math
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,10 @@ __all__ = [
     "cell_length",
     "cell_width",
     "coarseness",
+    "collision_rate",
     "flux",
     "measured_columns",
+    "named",
     "quantity",
     "rise_velocity",
     "settled_since",
@@ -41,6 +44,14 @@ def flux(archive: xr.Dataset) -> float:
 def velocity(archive: xr.Dataset) -> float:
     """The drift velocity v [cm/s] of the grains, averaged over what is poured."""
     return flux(archive) / total_inflow(archive)
+
+
+def collision_rate(archive: xr.Dataset) -> float:
+    """The rate gamma = sum_a gamma_aa R_a^0 / R0 [1/s]; NaN where there are no collision rates."""
+    if "collision_rate" not in archive:
+        return math.nan
+    direct = np.diagonal(archive["collision_rate"].values)
+    return float(direct @ archive["inflow"].values) / total_inflow(archive)
 
 
 def cell_width(archive: xr.Dataset) -> float:
@@ -101,8 +112,7 @@ def quantity(
     value: Any, units: str, long_name: str, *, dims: tuple[str, ...] = ()
 ) -> tuple[tuple[str, ...], Any, dict[str, str]]:
     """A measured number, or an array over `dims`, as a Dataset takes it."""
-    attributes = {"long_name": long_name}
-    return dims, value, attributes | ({"units": units} if units else {})
+    return dims, value, named(long_name, units)
 
 
 def coarseness(fraction: xr.DataArray, archive: xr.Dataset) -> xr.DataArray:
@@ -116,3 +126,8 @@ def coarseness(fraction: xr.DataArray, archive: xr.Dataset) -> xr.DataArray:
     if spread > 0:
         return fraction.dot((diameter - diameter.min()) / spread, dim="species")
     return fraction.isel(species=-1, drop=True)
+
+
+def named(meaning: str, units: str = "1") -> dict[str, str]:
+    """The attributes of a variable; of a word, which has no unit, `units` is empty."""
+    return {"long_name": meaning} | ({"units": units} if units else {})

@@ -1,6 +1,8 @@
 """Tables for people: model against model beside the published value, and grid against grid."""
 
 import math
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 import xarray as xr
@@ -8,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from compare.convergence import QUANTITIES
+from compare.ensemble import PREDICTED
 
 __all__ = ["as_records", "convergence_record", "convergence_table", "table", "with_error"]
 
@@ -39,6 +42,8 @@ def table(comparisons: list[xr.Dataset]) -> Table:
         for name, label in ROWS.items():
             cells = [_cell(comparison, name, model) for model in models]
             sheet.add_row(label, *cells, _published(comparison, name))
+        for row in (*_predicted_rows(comparison, models), *_piles_rows(comparison, models)):
+            sheet.add_row(*row)
     return sheet
 
 
@@ -55,7 +60,7 @@ def as_records(comparison: xr.Dataset) -> dict[str, object]:
     }
     for model in comparison["model_name"].values:
         chosen = comparison[measured].sel(model_name=model)
-        record[str(model)] = {str(name): _plain(chosen[name].item()) for name in measured}
+        record[str(model)] = {str(name): _plain_of(chosen[name]) for name in measured}
     return record
 
 
@@ -106,6 +111,69 @@ def _cell(comparison: xr.Dataset, name: str, model: str) -> str:
     return with_error(value, comparison[error].sel(model_name=model).item() if known else np.nan)
 
 
+def _predicted_rows(comparison: xr.Dataset, models: Sequence[str]) -> Iterator[Sequence[str]]:
+    """What is predicted from uncertain inputs, and which of them the wavelength follows."""
+    if "predicted_draws" not in comparison:
+        return
+
+    def row(label: str, cell: Callable[[xr.Dataset], str], published: str = "") -> Sequence[str]:
+        return (label, *_cells(comparison, models, cell), published)
+
+    yield row("predicted: median, 16 to 84 %", lambda _: "")
+    for name in PREDICTED:
+        yield row(f"  {ROWS[name]}", partial(_range, name), _published(comparison, name))
+    yield row("  draws with layers", _draws_with_layers)
+    yield row("rank correlation of wavelength with", _by_chance)
+    for key in comparison["input_name"].values:
+        yield row(f"  {key}", partial(_follows, key))
+
+
+def _piles_rows(comparison: xr.Dataset, models: Sequence[str]) -> Iterator[Sequence[str]]:
+    """Means over piles that differ by chance."""
+    if "piles_wavelength" not in comparison:
+        return
+    yield ("mean of the piles that stratify", *_cells(comparison, models, _number_of_piles), "")
+    for name in PREDICTED:
+        cells = _cells(comparison, models, partial(_mean_of_piles, name))
+        yield (f"  {ROWS[name]}", *cells, _published(comparison, name))
+
+
+def _cells(
+    comparison: xr.Dataset, models: Sequence[str], cell: Callable[[xr.Dataset], str]
+) -> list[str]:
+    there = comparison["model_name"].values
+    return [cell(comparison.sel(model_name=m)) if m in there else "" for m in models]
+
+
+def _range(name: str, predicted: xr.Dataset) -> str:
+    low, middle, high = predicted[f"predicted_{name}"].sel(quantile=[0.16, 0.5, 0.84]).values
+    return f"{middle:.3g}, {low:.3g} to {high:.3g}" if math.isfinite(middle) else "-"
+
+
+def _draws_with_layers(predicted: xr.Dataset) -> str:
+    with_layers = predicted["predicted_wavelength_draws"].item()
+    return f"{with_layers} of {predicted['predicted_draws'].item()}"
+
+
+def _by_chance(predicted: xr.Dataset) -> str:
+    draws = predicted["predicted_wavelength_draws"].item()
+    return f"(by chance ± {1 / math.sqrt(draws - 1):.2f})" if draws > 1 else ""
+
+
+def _follows(key: str, predicted: xr.Dataset) -> str:
+    value = predicted["predicted_wavelength_follows"].sel(input_name=key).item()
+    return f"{value:.2f}" if math.isfinite(value) else "-"
+
+
+def _number_of_piles(told: xr.Dataset) -> str:
+    count = told["piles_wavelength_count"].item()
+    return f"{count:.0f} piles" if math.isfinite(count) else ""
+
+
+def _mean_of_piles(name: str, told: xr.Dataset) -> str:
+    return with_error(told[f"piles_{name}"].item(), told[f"piles_{name}_error"].item())
+
+
 def _value_and_error(numbers: xr.Dataset, name: str) -> tuple[float, float]:
     return numbers[name].item(), numbers[f"{name}_error"].item()
 
@@ -113,6 +181,16 @@ def _value_and_error(numbers: xr.Dataset, name: str) -> tuple[float, float]:
 def _published(comparison: xr.Dataset, name: str) -> str:
     published = f"published_{name}"
     return f"{comparison[published].item():g}" if published in comparison else ""
+
+
+def _plain_of(values: xr.DataArray) -> object:
+    """A number, or the numbers by the quantile or the input that they are of."""
+    if not values.ndim:
+        return _plain(values.item())
+    labels = values["input_name" if "input" in values.dims else "quantile"].values
+    return {
+        str(label): _plain(one) for label, one in zip(labels, values.values.tolist(), strict=True)
+    }
 
 
 def _plain(value: object) -> object:

@@ -4,6 +4,7 @@
     [mixture]    grains and their law            [feed]  what is poured
     [cell]       what is filled                  [pour]  for how long, what is recorded
     [published]  numbers to compare with         [ca_model], [continuum]  each model's own table
+    [uncertain]  what is not well known: "mixture.psi" = [lowest, highest]
 
 The two models' tables are carried unread: each model validates its own.
 """
@@ -21,11 +22,11 @@ from experiment.arrays import Floats
 from experiment.cell import Cell
 from experiment.errors import SetupError
 from experiment.feed import Feed
-from experiment.fields import Part, Positive
+from experiment.fields import Number, Part, Positive
 from experiment.mixture import Mixture
 from experiment.schedule import Table
 
-__all__ = ["Experiment", "Pour", "Published", "parse_toml", "set_values"]
+__all__ = ["Experiment", "Pour", "Published", "parse_toml", "put", "set_values"]
 
 
 class Pour(Part):
@@ -62,6 +63,7 @@ class Experiment(Part):
     feed: Feed = Field(default_factory=_no_feed)  # only a drum does without
     pour: Pour
     published: Published | None = None
+    uncertain: dict[str, tuple[Number, Number]] = Field(default_factory=dict)  # of any field
     ca_model: dict[str, Any] = Field(default_factory=dict)
     continuum: dict[str, Any] = Field(default_factory=dict)
 
@@ -132,6 +134,30 @@ class Experiment(Part):
             )
         return self
 
+    @model_validator(mode="after")
+    def _check_uncertain(self) -> Self:
+        known = self.model_dump(exclude_none=True, exclude={"uncertain"}) if self.uncertain else {}
+        for key, (low, high) in self.uncertain.items():
+            given = f"uncertain {key} = [{low:g}, {high:g}]"
+            if not low < high:
+                raise ValueError(f"{given}: the first should be less than the second")
+            for end in (low, high):
+                try:
+                    type(self).parse(put(known, key, end))
+                except SetupError as error:
+                    raise ValueError(f"{given}: {error}") from None
+        return self
+
+    def with_values(self, values: Mapping[str, object]) -> Self:
+        """A set-up in which each KEY has the value given and nothing is uncertain any more.
+
+        Keys are those of :func:`set_values`. Raises :class:`SetupError` as :meth:`from_toml`.
+        """
+        tables = self.model_dump(exclude_none=True, exclude={"uncertain"})
+        for key, value in values.items():
+            tables = put(tables, key, value)
+        return type(self).parse(tables)
+
     @property
     def mean_inflow(self) -> Floats:
         """R_a (species,) [cm], averaged over the pour."""
@@ -173,29 +199,43 @@ def set_values(tables: Mapping[str, Any], settings: Sequence[str]) -> dict[str, 
     KEY is a path such as `mixture.delta` or `mixture.grain_diameter.1`; VALUE is TOML, and what is
     not is taken as a string. Raises :class:`SetupError` where a path leads nowhere.
     """
-    changed: dict[str, Any] = tomllib.loads(tomli_w.dumps(tables))
+    changed = dict(tables)
     for setting in settings:
         key, equals, text = setting.partition("=")
         if not equals or not all(key.strip().split(".")):
             raise SetupError(f"--set {setting!r}: it should be KEY=VALUE, as in mixture.delta=0.1")
-        *path, last = key.strip().split(".")
-        place: Any = changed
-        for step in path:
-            place = (
-                place.setdefault(step, {}) if isinstance(place, dict) else _item(place, step, key)
-            )
-        if isinstance(place, dict):
-            place[last] = _value(text)
-        else:
-            _item(place, last, key)
-            place[int(last)] = _value(text)
+        changed = put(changed, key.strip(), _value(text))
     return changed
+
+
+def put(tables: Mapping[str, Any], key: str, value: object) -> dict[str, Any]:
+    """A copy of `tables` with `value` at the path `key`; see :func:`set_values`."""
+    changed: dict[str, Any] = _as_lists(tables)
+    *path, last = key.split(".")
+    place: Any = changed
+    for step in path:
+        place = place.setdefault(step, {}) if isinstance(place, dict) else _item(place, step, key)
+    if isinstance(place, dict):
+        place[last] = value
+    else:
+        _item(place, last, key)
+        place[int(last)] = value
+    return changed
+
+
+def _as_lists(tables: Any) -> Any:
+    """A copy all the way down in which tuples are lists, as in TOML."""
+    if isinstance(tables, Mapping):
+        return {name: _as_lists(value) for name, value in tables.items()}
+    if isinstance(tables, (list, tuple)):
+        return [_as_lists(value) for value in tables]
+    return tables
 
 
 def _item(place: Any, step: str, key: str) -> Any:
     numbers = step.isascii() and step.isdecimal()
     if not isinstance(place, list) or not numbers or int(step) >= len(place):
-        raise SetupError(f"--set {key}: there is no {step!r} to set")
+        raise SetupError(f"{key}: there is no {step!r} to set")
     return place[int(step)]
 
 

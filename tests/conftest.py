@@ -1,6 +1,7 @@
 """Shared fixtures: floating-point errors are failures, and each preset is poured once."""
 
 from collections.abc import Callable, Iterator
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -31,6 +32,12 @@ def poured() -> Callable[..., xr.Dataset]:
         return kept[key]
 
     return pour
+
+
+@pytest.fixture(scope="session")
+def models() -> dict[str, ModuleType]:
+    """Both models by name."""
+    return MODELS
 
 
 @pytest.fixture

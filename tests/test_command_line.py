@@ -194,3 +194,52 @@ def test_a_picture_format_that_is_none_is_refused(pours: Path) -> None:
     for name in ("picture.grain", "picture"):
         done = stratify("show", "pours/short/continuum.nc", "-o", name, folder=pours)
         assert f"'{name}' cannot be written: it should end in" in refused(done)
+
+
+def test_a_comparison_predicts_ranges_beside_what_was_measured(pours: Path) -> None:
+    """In the table, in JSON and in comparison.nc; the same numbers each time."""
+    options = ["--vary=mixture.psi=0.2:0.3", "--draws=4", "--seeds=2", "--force"]
+    told = stratify("compare", "pours/short", *options, folder=pours)
+    assert told.returncode == 0, told.stderr
+    assert "predicted: median, 16 to 84 %" in told.stdout
+    assert "4 of 4" in told.stdout
+    assert "chance has no part in it" in told.stdout
+    assert "predicted from 4 draws (Latin hypercube) of mixture.psi 0.2 to 0.3" in told.stdout
+    with xr.open_dataset(pours / "pours" / "short" / "comparison.nc") as comparison:
+        predicted = comparison["predicted_wavelength"].load()
+    assert predicted.dims == ("model", "quantile")
+    assert predicted.attrs["units"] == "cm"
+    assert (predicted.isel(model=0).diff("quantile") >= 0).all()
+    record = json.loads(
+        stratify("compare", "pours/short", *options, "--json", folder=pours).stdout
+    )["pours/short"]["ca_model"]
+    for quantile, value in record["predicted_wavelength"].items():
+        assert value == float(predicted.isel(model=0).sel(quantile=float(quantile)))
+    assert set(record["predicted_wavelength_follows"]) == {"mixture.psi"}
+
+
+def test_seeds_average_over_piles_where_chance_matters(tmp_path: Path) -> None:
+    drawn = "--set=ca_model.arrivals=drawn"
+    stratify("pour", "makse-stratification", *SHORT, drawn, "-o", ".", folder=tmp_path)
+    told = stratify("compare", ".", "--seeds=3", "--json", folder=tmp_path)
+    record = json.loads(told.stdout)["."]
+    assert record["ca_model"]["piles_kink_velocity_count"] <= 3
+    assert record["ca_model"]["piles_wavelength_error"] > 0
+    assert record["continuum"]["piles_wavelength"] is None
+
+
+@pytest.mark.parametrize(
+    ("option", "named"),
+    [
+        ("--vary=mixture.psi", "--vary 'mixture.psi': it should be KEY=LOW:HIGH"),
+        ("--vary=mixture.psi=0.3:0.1", "[0.3, 0.1]: the first should be less than the second"),
+        ("--vary=mixture.psi=0.1:9.0", "mixture.psi = 9: it makes a repose slope"),
+        ("--vary=mixture.sy=0.1:0.3", "mixture: no field 'sy'; allowed"),
+        ("--draws=-1", "-1 is not in the range"),
+    ],
+)
+def test_a_range_that_cannot_be_is_one_line_and_nothing_is_written(pours, option, named) -> None:
+    before = {path: path.stat().st_mtime_ns for path in (pours / "pours" / "short").iterdir()}
+    assert named in refused(stratify("compare", "pours/short", option, "--force", folder=pours))
+    after = {path: path.stat().st_mtime_ns for path in (pours / "pours" / "short").iterdir()}
+    assert after == before

@@ -1,0 +1,97 @@
+"""Many pours at once: the same numbers for any number of workers, and one that fails stops none."""
+
+import multiprocessing
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from compare import campaign, measure
+from compare.campaign import POUR, with_chance
+from experiment import Experiment, StratifyError, load
+
+
+@pytest.fixture(scope="module")
+def pours() -> list[Experiment]:
+    """Three piles, one that the lattice does not know, and one with nothing to measure."""
+    quick = ["cell.length=20.0", "pour.duration=100.0", "pour.records=100", "continuum.cells=40"]
+    settings = [*quick, "ca_model.arrivals=drawn"]
+    piles = [load("makse-stratification", [*settings, f"pour.pile={pile}"]) for pile in range(3)]
+    dispersing = piles[0].with_values({"mixture.dispersion": 0.1})
+    return [*piles, dispersing, load("drum-mixture", ["pour.duration=1.0"])]
+
+
+@pytest.fixture(scope="module")
+def in_turn(pours: list[Experiment]) -> xr.Dataset:
+    return campaign(pours, workers=1)
+
+
+def test_the_numbers_are_the_same_for_any_number_of_workers(pours, in_turn) -> None:
+    xr.testing.assert_identical(campaign(pours, workers=2), in_turn)
+
+
+def test_a_campaign_measures_what_each_pour_alone_gives(pours, in_turn, models) -> None:
+    assert dict(in_turn.sizes) == {"model": 2, "pour": 5}
+    for name, model in models.items():
+        alone = measure(model.pour(pours[1]))
+        found = in_turn.sel(model_name=name).isel(pour=1)
+        for quantity in alone.data_vars:
+            np.testing.assert_array_equal(found[quantity], alone[quantity])
+            assert found[quantity].attrs == alone[quantity].attrs
+    for scale in ("total_inflow", "drift_velocity", "collision_rate"):
+        assert (in_turn[scale].isel(pour=slice(3)) == 1.0).all()
+
+
+def test_a_pour_that_fails_is_told_and_the_others_go_on(in_turn) -> None:
+    lattice, continuum = in_turn["failure"].values.tolist()
+    assert lattice[:3] == continuum[:3] == [""] * 3
+    assert "mixture.dispersion" in lattice[3]
+    assert continuum[3] == ""
+    assert "nothing is poured into a drum" in continuum[4]
+    missing = np.isnan(in_turn["layering"].values)
+    assert missing.tolist() == [[False] * 3 + [True] * 2, [False] * 4 + [True]]
+    assert in_turn["regime"].values[1, 4] == ""
+
+
+def test_a_campaign_in_which_every_pour_fails_says_why(pours) -> None:
+    with pytest.raises(StratifyError, match=r"no pour could be measured: mixture\.dispersion"):
+        campaign([pours[3]], ["ca_model"])
+
+
+def test_a_model_that_stumbles_is_told_with_its_error(pours, monkeypatch) -> None:
+    def stumble(_: Experiment) -> xr.Dataset:
+        raise ZeroDivisionError("too thin")
+
+    monkeypatch.setitem(POUR, "ca_model", stumble)
+    found = campaign(pours[:1], workers=1)
+    assert found["failure"].values.tolist() == [["ZeroDivisionError: too thin"], [""]]
+
+
+def test_a_worker_that_is_ended_from_outside_ends_the_campaign_in_one_line(pours) -> None:
+    def end_a_worker(_: float) -> None:
+        multiprocessing.active_children()[0].kill()
+
+    with pytest.raises(StratifyError, match="ended from outside"):
+        campaign(pours[:3] * 4, ["ca_model"], workers=2, progress=end_a_worker)
+
+
+def test_progress_grows_to_one(pours) -> None:
+    shares: list[float] = []
+    campaign(pours[:3], ["ca_model"], workers=1, progress=shares.append)
+    assert shares == pytest.approx([1 / 3, 2 / 3, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("preset", "settings", "expected"),
+    [
+        ("glass-sugar", [], False),
+        ("glass-sugar", ["ca_model.arrivals=drawn"], True),
+        ("glass-sugar", ["ca_model.arrivals=poisson"], True),
+        ("franks", ["ca_model.arrivals=fixed"], True),
+        ("franks", ["ca_model.arrivals=fixed", "ca_model.threshold_spread=0"], False),
+    ],
+)
+def test_where_chance_has_a_part_is_known(preset: str, settings: list[str], expected) -> None:
+    experiment = load(preset, settings)
+    assert with_chance(experiment, "ca_model") is expected
+    assert not with_chance(experiment, "continuum")
