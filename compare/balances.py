@@ -16,7 +16,10 @@ import xarray as xr
 
 from compare.quantities import flux, rise_velocity, total_inflow, velocity
 
-__all__ = ["Measured", "balances", "volume_residual"]
+__all__ = ["Measured", "balances", "unbalanced", "volume_residual"]
+
+
+LARGEST = 0.05  # residual that a pour's end and beginning explain
 
 
 class Measured(NamedTuple):
@@ -45,6 +48,18 @@ def balances(
         told[f"wavelength_of_{name}"] = right
         told[f"{name}_residual"] = _residual(wavelength, right)
     return told
+
+
+def unbalanced(residual: Measured) -> str:
+    """A line on a `residual` of R0 v T / L that its error does not explain; empty for a sound one.
+
+    Volume is conserved: then a period or a wavelength was mistaken, or layers are not cycles.
+    """
+    if not abs(residual.value) > max(LARGEST, 3 * residual.error):
+        return ""
+    return (
+        f"wavelength departs from R0 v T / L by {residual.value:+.0%}: lines were missed, or layers"
+    )
 
 
 def volume_residual(archive: xr.Dataset) -> float:

@@ -6,7 +6,7 @@ from typing import Any
 import xarray as xr
 
 from compare.accessor import Strata
-from compare.balances import Measured, balances, volume_residual
+from compare.balances import Measured, balances, unbalanced, volume_residual
 from compare.kymograph import cycle_period, mean_velocity
 from compare.quantities import (
     cell_length,
@@ -73,10 +73,15 @@ def measure(archive: xr.Dataset) -> xr.Dataset:
             ),
         }
     )
-    for name, balance in balances(archive, wavelength, period, front, kink).items():
+    balanced = balances(archive, wavelength, period, front, kink)
+    for name, balance in balanced.items():
         numbers = numbers.assign(_with_error(name, balance, *BALANCES[name]))
     scalars = [name for name in told.data_vars if not told[name].dims]
-    return numbers.assign({name: told[name] for name in scalars}).assign_attrs(told.attrs)
+    thoughts = (told.attrs.get("comment", ""), unbalanced(balanced["period_residual"]))
+    comment = "\n".join(filter(None, thoughts))
+    return numbers.assign({name: told[name] for name in scalars}).assign_attrs(
+        {"comment": comment} if comment else {}
+    )
 
 
 def _untold(layers: xr.Dataset) -> xr.Dataset:

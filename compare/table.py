@@ -19,16 +19,27 @@ MOST_DIGITS = 4
 ROWS = {
     "regime": "regime",
     "layering": "layering",
+    "layered_share": "share of the slope with layers",
     "segregation": "segregation",
     "wavelength": "wavelength, vertical (cm)",
-    "wavelength_of_period": "  R0 v T / L (cm)",
-    "wavelength_of_velocities": "  R0 v (1/v_f + 1/v_k) (cm)",
+    "wavelength_counted": "  by counting",
+    "wavelength_of_period": "  R0 v T / L, and residual",
+    "wavelength_of_velocities": "  R0 v (1/v_f + 1/v_k)",
+    "wavelength_of_kinks": "  R0 (v + v_k) / v_k",
+    "wavelength_upper": "  on the upper slope",
+    "wavelength_lower": "  on the lower slope",
     "wavelength_normal": "wavelength, normal (cm)",
+    "thickness_small": "  sublayer of small grains",
+    "thickness_large": "  sublayer of large grains",
     "wavelength_scaled": "wavelength / R0",
     "kink_velocity": "kink velocity (cm/s)",
     "front_velocity": "front velocity (cm/s)",
     "kink_velocity_scaled": "kink velocity / v",
     "cycle_period": "cycle period (s)",
+    "volume_residual": "share of volume not accounted for",
+}
+RESIDUALS = {
+    f"wavelength_of_{name}": f"{name}_residual" for name in ("period", "velocities", "kinks")
 }
 
 
@@ -41,7 +52,8 @@ def table(comparisons: list[xr.Dataset]) -> Table:
         sheet.add_row(Text(comparison.attrs["title"], style="bold"))
         for name, label in ROWS.items():
             cells = [_cell(comparison, name, model) for model in models]
-            sheet.add_row(label, *cells, _published(comparison, name))
+            if set(cells) - {"", "-"}:
+                sheet.add_row(label, *cells, _published(comparison, name))
         for row in (*_predicted_rows(comparison, models), *_piles_rows(comparison, models)):
             sheet.add_row(*row)
     return sheet
@@ -108,7 +120,9 @@ def _cell(comparison: xr.Dataset, name: str, model: str) -> str:
         return value
     error = f"{name}_error"
     known = error in comparison
-    return with_error(value, comparison[error].sel(model_name=model).item() if known else np.nan)
+    text = with_error(value, comparison[error].sel(model_name=model).item() if known else np.nan)
+    residual = comparison[RESIDUALS[name]].sel(model_name=model) if name in RESIDUALS else np.nan
+    return f"{text} ({residual:+.1%})" if math.isfinite(residual) else text
 
 
 def _predicted_rows(comparison: xr.Dataset, models: Sequence[str]) -> Iterator[Sequence[str]]:
