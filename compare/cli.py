@@ -269,6 +269,8 @@ def measure(
     view = View.parse(scale, crop, corners, rotate)
     path = path or picture.with_name(f"{picture.stem}.layers.nc")
     drawing = path.with_suffix(".png")
+    if picture in (path, drawing):
+        raise SetupError(f"output = {path}: it would replace the picture that is measured")
     refuse_existing([path, drawing], force=force)
     found = measure_photograph(picture, view, large)
     save(draw_photograph(found), drawing, force=force)

@@ -124,7 +124,9 @@ def _draw_wavelength(axes: "Axes", found: xr.Dataset) -> None:
         return
     ticks = np.arange(float(middle["z"][0]), float(middle["z"][-1]), wavelength)
     label = f"wavelength {wavelength:.3g} cm"
-    axes.plot(np.full(len(ticks), float(middle["x"])), ticks, "_-", **KINK, label=label)
+    axes.plot(
+        np.full(len(ticks), float(middle["x"])), ticks, "_-", markersize=14, **KINK, label=label
+    )
     axes.legend(loc="upper right", frameon=True)
 
 

@@ -71,9 +71,8 @@ def _grown(colours: Floats, inside: Mask) -> Mask | None:
 
 def _touching_the_top(near: Mask, strip: Mask) -> Mask:
     """The parts of `near`, threads left out, that hold some of the `strip`."""
-    solid = scipy.ndimage.binary_opening(
-        np.pad(near, 2, mode="edge"), np.ones((3, 3), dtype=np.bool_)
-    )[2:-2, 2:-2]
+    padded = np.pad(near, 2, mode="edge")
+    solid = scipy.ndimage.binary_opening(padded, np.ones((3, 3), dtype=np.bool_))[2:-2, 2:-2]
     labels, _ = scipy.ndimage.label(solid)
     return np.asarray(np.isin(labels, np.unique(labels[strip & solid])) & solid)
 
