@@ -1,8 +1,8 @@
 """What of a picture is not the deposit: air above it, and ground beneath.
 
 Assumed of a background: it covers at least half of the picture's upper (lower) edge, in one colour
-that changes only slowly along the picture, unlike either of the deposit's two, and it does not run
-through to the other edge in most columns. What is not of this kind has to be cropped away.
+that changes only slowly along the picture and is no mixture of the deposit's two, and it does not
+run through to the other edge in most columns. What is not of this kind has to be cropped away.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ Mask = NDArray[np.bool_]
 
 STRIP = 0.01  # of the rows: what is looked at first
 NEAR = 6.0  # how far a background's colour may be from its own smooth course, in CIELAB
-UNLIKE = 0.35  # how far it should be from the deposit's two, of their distance
+UNLIKE = 0.35  # how far it should be from mixtures of the deposit's two, of their distance
 REACH = 0.5  # of the edge that it covers at least, and of the columns that it may run through
 MARGIN = 0.006  # of the columns: what is left out along its edge, where colours blur
 
@@ -78,7 +78,7 @@ def _touching_the_top(near: Mask, strip: Mask) -> Mask:
 
 
 def _is_unlike(light: Floats, background: Mask, deposit: Mask) -> bool:
-    """Whether the background's colour is neither of the deposit's two, in the deposit's light."""
+    """Whether the background's colour is no mixture of the deposit's two, in its light."""
     if not deposit.any():
         return False
     try:
@@ -87,5 +87,8 @@ def _is_unlike(light: Floats, background: Mask, deposit: Mask) -> bool:
         return True
     field = np.clip(colours.light, colours.light[deposit].min(), colours.light[deposit].max())
     colour = lab(light[background], field[background]).mean(axis=0)
-    apart = np.linalg.norm(colours.middle - colour, axis=-1).min()
-    return bool(apart > UNLIKE * np.linalg.norm(colours.middle[1] - colours.middle[0]))
+    first, second = colours.middle
+    line = second - first
+    mixed = np.clip((colour - first) @ line / (line @ line), 0, 1)
+    apart = np.linalg.norm(colour - first - mixed * line)
+    return bool(apart > UNLIKE * np.linalg.norm(line))

@@ -29,7 +29,7 @@ __all__ = ["Colours", "lab", "part", "polynomial", "smooth"]
 
 DEGREE = 2
 TURNS = 12
-POINTS = 40_000  # that are clustered, of all
+POINTS = 10_000  # that are clustered, of all
 FAR_END = 0.05  # of a cluster, beyond which colours are noise
 LEAST_CONTRAST = 5.0  # of two colours, in CIELAB
 DARKEST = 1e-3  # luminance; less is taken for this
@@ -108,7 +108,7 @@ def _by_turns(
     for _ in range(TURNS):
         even = lab(colours, places @ slopes)
         seeds, kind = scipy.cluster.vq.kmeans2(
-            even, _two_seeds(even) if seeds is None else seeds, minit="matrix"
+            even, _two_seeds(even) if seeds is None else seeds, iter=2, minit="matrix"
         )
         known = np.column_stack([places, kind == 0, kind == 1])
         slopes = np.linalg.lstsq(known, luminance, rcond=None)[0][: places.shape[1]]
