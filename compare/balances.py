@@ -53,13 +53,11 @@ def balances(
 def unbalanced(residual: Measured) -> str:
     """A line on a `residual` of R0 v T / L that its error does not explain; empty for a sound one.
 
-    Volume is conserved: then a period or a wavelength was mistaken, or layers are not cycles.
+    Volume is conserved: then lines or layers were missed, or cycles and layers are not one thing.
     """
     if not abs(residual.value) > max(LARGEST, 3 * residual.error):
         return ""
-    return (
-        f"wavelength departs from R0 v T / L by {residual.value:+.0%}: lines were missed, or layers"
-    )
+    return f"wavelength departs from R0 v T / L by {residual.value:+.0%}: look at both pictures"
 
 
 def volume_residual(archive: xr.Dataset) -> float:

@@ -21,11 +21,19 @@ from compare.campaign import CHECK, POUR
 from compare.convergence import converge as converge_archives
 from compare.convergence import refinement_ratio
 from compare.ensemble import ranges
-from compare.figure import draw, save
+from compare.figure import draw, draw_photograph, save
 from compare.measurement import compare as compare_archives
 from compare.measurement import in_detail
+from compare.photograph import View, measure_photograph
 from compare.prediction import base, models_with_chance, with_piles, with_prediction
-from compare.table import as_records, convergence_record, convergence_table, table
+from compare.table import (
+    as_records,
+    convergence_record,
+    convergence_table,
+    layers_record,
+    layers_table,
+    table,
+)
 from experiment import (
     ArchiveError,
     Experiment,
@@ -231,6 +239,81 @@ def show(file: Path, output: Path | None, force: bool) -> None:
     picture = output or file.with_suffix(".png")
     refuse_existing([picture], force=force)
     _say(f"wrote {save(draw([archive]), picture, force=force)}")
+
+
+@cli.command()
+@click.argument("picture", type=path_type)
+@click.option(
+    "--scale",
+    required=True,
+    metavar="LENGTH",
+    help="Width of what --crop leaves, or of the cell that --corners tell: 30cm, 0.3m, 300mm. "
+    "With corners, better width and height: 30x20cm.",
+)
+@click.option(
+    "--crop",
+    metavar="LEFT,TOP,RIGHT,BOTTOM",
+    help="The part to measure, in pixels or %, as in 5%,0,95%,90%.",
+)
+@click.option(
+    "--corners",
+    nargs=4,
+    metavar="X,Y X,Y X,Y X,Y",
+    help="Corners of the cell in the picture, in pixels, clockwise from the upper left.",
+)
+@click.option(
+    "--rotate",
+    type=float,
+    default=0.0,
+    metavar="DEGREES",
+    help="Turn anticlockwise first, so that the vertical is upright.",
+)
+@click.option(
+    "--large",
+    default="bright",
+    show_default=True,
+    metavar="COLOUR",
+    help="Colour of the large grains: bright, dark, or the name of what it is nearest to.",
+)
+@click.option(
+    "-o", "--output", "path", type=path_type, metavar="FILE", help="Default: PICTURE.layers.nc."
+)
+@json_option
+@force_option
+def measure(
+    picture: Path,
+    scale: str,
+    crop: str | None,
+    corners: tuple[str, ...] | None,
+    rotate: float,
+    large: str,
+    path: Path | None,
+    as_json: bool,
+    force: bool,
+) -> None:
+    """Measure the layers of a deposit in a photograph or any PICTURE of it, as in an archive.
+
+    Prints one table, and writes FILE and, ending in .png, a picture to check it by. Air above the
+    deposit and ground below it are found where each has a colour of its own; else crop them away.
+    Needs scikit-image: pip install 'stratify[photo]'.
+
+    Example: stratify measure cell.jpg --scale 30x20cm --corners 40,52 1190,60 1240,830 12,815
+    """
+    view = View.parse(scale, crop, corners, rotate)
+    path = path or picture.with_name(f"{picture.stem}.layers.nc")
+    drawing = path.with_suffix(".png")
+    if picture in (path, drawing):
+        raise SetupError(f"output = {path}: it would replace the picture that is measured")
+    refuse_existing([path, drawing], force=force)
+    found = measure_photograph(picture, view, large)
+    save(draw_photograph(found), drawing, force=force)
+    _say(f"wrote {write_whole(found, path, force=force)}", _console(stderr=as_json))
+    if as_json:
+        click.echo(json.dumps(layers_record(found), indent=2))
+        return
+    _console().print(layers_table(found))
+    for comment in found.attrs["comment"].splitlines():
+        _say(comment)
 
 
 def main() -> None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-__all__ = ["draw", "draw_deposit", "draw_kymograph", "save", "style"]
+__all__ = ["draw", "draw_deposit", "draw_kymograph", "draw_photograph", "save", "style"]
 
 KINK: dict[str, Any] = {"color": "#d55e00", "linewidth": 1.6}
 FRONT: dict[str, Any] = {"color": "#0072b2", "linewidth": 1.6}
@@ -92,6 +92,42 @@ def draw_kymograph(axes: "Axes", archive: xr.Dataset) -> None:
         title=f"{MODEL_NAMES[archive.attrs['model']]}: rolling grains",
     )
     axes.figure.colorbar(image, ax=axes, label="R (cm)")
+
+
+def draw_photograph(found: xr.Dataset) -> "Figure":
+    """What :func:`compare.photograph.measure_photograph` saw, to check it by eye.
+
+    The upright picture, and the coarseness that was found in it with the wavelength drawn to scale.
+    """
+    from matplotlib.figure import Figure
+
+    coarse = found["coarseness"]
+    extent = (*_edges(coarse["x"].values), *_edges(coarse["z"].values))
+    with style():
+        figure = Figure(figsize=(10.4, 4.8))
+        left, right = figure.subplots(1, 2, sharex=True, sharey=True)
+        left.imshow(found["picture"].values, extent=extent)
+        image = right.imshow(coarse.values, extent=extent, vmin=0, vmax=1)
+        figure.colorbar(image, ax=right, label="coarseness (0 small, 1 large)")
+        for axes, title in ((left, "picture"), (right, "deposit")):
+            axes.set(xlabel="x (cm)", ylabel="z (cm)", title=title, aspect="equal")
+        _draw_wavelength(right, found)
+        figure.suptitle(found.attrs["title"], parse_math=False)
+    return figure
+
+
+def _draw_wavelength(axes: "Axes", found: xr.Dataset) -> None:
+    """Ticks one wavelength apart, up the middle of the deposit."""
+    wavelength = float(found["wavelength"])
+    middle = found["coarseness"].isel(x=found.sizes["x"] // 2).dropna("z")
+    if not np.isfinite(wavelength):
+        return
+    ticks = np.arange(float(middle["z"][0]), float(middle["z"][-1]), wavelength)
+    label = f"wavelength {wavelength:.3g} cm"
+    axes.plot(
+        np.full(len(ticks), float(middle["x"])), ticks, "_-", markersize=14, **KINK, label=label
+    )
+    axes.legend(loc="upper right", frameon=True)
 
 
 def _draw_lines(axes: "Axes", archive: xr.Dataset) -> None:

@@ -6,13 +6,22 @@ from functools import partial
 
 import numpy as np
 import xarray as xr
+from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
 from compare.convergence import QUANTITIES
 from compare.ensemble import PREDICTED
 
-__all__ = ["as_records", "convergence_record", "convergence_table", "table", "with_error"]
+__all__ = [
+    "as_records",
+    "convergence_record",
+    "convergence_table",
+    "layers_record",
+    "layers_table",
+    "table",
+    "with_error",
+]
 
 MOST_DIGITS = 4
 
@@ -100,6 +109,26 @@ def convergence_record(convergence: xr.Dataset) -> dict[str, object]:
         over_grids = isinstance(numbers, list)
         record[str(name)] = [_plain(n) for n in numbers] if over_grids else _plain(numbers)
     return record
+
+
+def layers_table(found: xr.Dataset) -> Table:
+    """A row for each number of a deposit's layers, with its error where one is known."""
+    sheet = Table("", escape(found.attrs["title"]))
+    for name in _single_numbers(found):
+        if name.removesuffix("_error") != name and name.removesuffix("_error") in found:
+            continue
+        error = found.get(f"{name}_error", xr.DataArray(np.nan)).item()
+        unit = found[name].attrs.get("units", "1")
+        label = str(found[name].attrs["long_name"]) + (f" ({unit})" if unit != "1" else "")
+        value = found[name].item()
+        sheet.add_row(Text(label), value if isinstance(value, str) else with_error(value, error))
+    return sheet
+
+
+def layers_record(found: xr.Dataset) -> dict[str, object]:
+    """A deposit's layers as plain numbers by name, for JSON; None where there is no number."""
+    about: dict[str, object] = {name: found.attrs[name] for name in ("title", "comment")}
+    return about | {name: _plain(found[name].item()) for name in _single_numbers(found)}
 
 
 def with_error(value: float, error: float) -> str:
@@ -190,6 +219,10 @@ def _mean_of_piles(name: str, told: xr.Dataset) -> str:
 
 def _value_and_error(numbers: xr.Dataset, name: str) -> tuple[float, float]:
     return numbers[name].item(), numbers[f"{name}_error"].item()
+
+
+def _single_numbers(numbers: xr.Dataset) -> list[str]:
+    return [str(name) for name, values in numbers.data_vars.items() if not values.dims]
 
 
 def _published(comparison: xr.Dataset, name: str) -> str:

@@ -5,6 +5,7 @@ from experiment.errors import (
     ArchiveError,
     NotApplicableError,
     OutputExistsError,
+    PictureError,
     SetupError,
     StratifyError,
 )
@@ -24,6 +25,7 @@ __all__ = [
     "Mixture",
     "NotApplicableError",
     "OutputExistsError",
+    "PictureError",
     "Pour",
     "Published",
     "Pulses",

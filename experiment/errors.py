@@ -4,6 +4,7 @@ __all__ = [
     "ArchiveError",
     "NotApplicableError",
     "OutputExistsError",
+    "PictureError",
     "SetupError",
     "StratifyError",
 ]
@@ -27,3 +28,7 @@ class ArchiveError(StratifyError):
 
 class OutputExistsError(StratifyError):
     """An output is there already, and nobody said that it may be replaced."""
+
+
+class PictureError(StratifyError):
+    """A picture cannot be read, or shows no deposit of two colours that could be measured."""
