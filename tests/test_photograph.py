@@ -317,7 +317,7 @@ def cell(deposit, tmp_path: Path) -> Path:
 def test_measure_prints_a_table_and_writes_numbers_and_a_picture(cell: Path, deposit) -> None:
     done = stratify("measure", "cell.png", "--scale", "18cm", folder=cell)
     assert done.returncode == 0, done.stderr
-    assert "vertical wavelength of the layers (cm)" in done.stdout
+    assert "vertical wavelength of the layers, by spectrum (cm)" in done.stdout
     assert "±" in done.stdout
     assert {path.name for path in cell.iterdir()} == {
         "cell.png",

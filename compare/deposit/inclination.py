@@ -1,12 +1,14 @@
 """How the layers are inclined, and profiles averaged along them.
 
-A layer that lies at z in one column lies at z + shift in the next one. The shift of each column is
-the lag at which it and its neighbour, together with the columns beside them, are most alike,
+A layer that lies at z in one column lies at z + rise in the next one. Between columns that are n
+apart it has risen by the lag at which both, together with the columns beside them, are most alike,
 
-    X(lag) = sum_z c'(x, z) c'(x + dx, z + lag),
+    X(lag) = sum_z c'(x, z) c'(x + n dx, z + lag),
 
-sought within half a wavelength of what the surface does, for layers are laid on surfaces. The
-inclination is -shift / dx: a slope, downhill positive, as all slopes here.
+sought within half a wavelength of what is expected: at first, for neighbours, of what the surface
+does, for layers are laid on surfaces; then, for n twice as large each time, of what was found, up
+to a wavelength apart, for over the width of a column of grains no layer rises. The inclination is
+-rise / dx: a slope, downhill positive, as all slopes here.
 """
 
 import numpy as np
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 
 from experiment.arrays import Floats
 
-__all__ = ["along_layers", "settle", "shifts", "surface_slope"]
+__all__ = ["along_layers", "rises", "settle"]
 
 
 def settle(coarse: Floats) -> tuple[Floats, NDArray[np.intp]]:
@@ -31,7 +33,7 @@ def settle(coarse: Floats) -> tuple[Floats, NDArray[np.intp]]:
     return np.where(height < top, settled, np.nan), floor
 
 
-def surface_slope(coarse: Floats, floor: NDArray[np.intp]) -> float:
+def _surface_slope(coarse: Floats, floor: NDArray[np.intp]) -> float:
     """By how many cells the top falls a column, by the median; NaN for less than two columns."""
     inside = np.isfinite(coarse)
     there = np.flatnonzero(inside.any(axis=0))
@@ -42,14 +44,36 @@ def surface_slope(coarse: Floats, floor: NDArray[np.intp]) -> float:
     return float(-scipy.stats.theilslopes(top, there).slope)
 
 
-def shifts(coarse: Floats, expected: NDArray[np.intp], reach: float, width: int) -> Floats:
-    """By how many cells the layers rise from each column to the next, (x - 1,).
+def rises(coarse: Floats, floor: NDArray[np.intp], lag: float, farthest: int, width: int) -> Floats:
+    """By how many cells layers `lag` thick rise from each column to the next, (x - 1,).
 
-    They are within `reach` of what is `expected` (x - 1,); `width` pairs of columns are taken
-    together.
+    Of columns (z, x) that were let down from the height `floor` (x,). `width` pairs of columns are
+    taken together, at most `farthest` columns apart.
     """
+    columns = coarse.shape[1]
+    slope = _surface_slope(coarse, floor)
+    if not np.isfinite(slope):
+        return np.zeros(columns - 1)
+    farthest = max(1, min(farthest, columns // 4))
+    apart = 1
+    while True:
+        fallen = floor[:-apart] - floor[apart:]
+        near = round(-slope * apart) + fallen
+        rise = (_shifts(coarse, near, lag / 2, width, apart) - fallen) / apart
+        if apart == farthest:
+            break
+        slope = -float(np.median(rise))
+        apart = min(2 * apart, farthest)
+    middles = np.arange(columns - apart) + (apart - 1) / 2
+    return np.interp(np.arange(columns - 1), middles, rise)
+
+
+def _shifts(
+    coarse: Floats, expected: NDArray[np.intp], reach: float, width: int, apart: int
+) -> Floats:
+    """The lag (x - apart,), within `reach` of the one `expected`, of the greatest likeness."""
     steps = np.arange(-max(1, int(reach)), max(1, int(reach)) + 1)
-    like = _likeness(coarse, expected + steps[:, None])
+    like = _likeness(coarse, expected + steps[:, None], apart)
     like = scipy.ndimage.uniform_filter1d(like, width, axis=1, mode="nearest")
     best = like.argmax(axis=0)
     inner = np.clip(best, 1, len(steps) - 2)
@@ -57,14 +81,17 @@ def shifts(coarse: Floats, expected: NDArray[np.intp], reach: float, width: int)
     bend = left - 2 * middle + right
     peaked = (best == inner) & (bend < 0)
     finer = np.where(peaked, 0.5 * (left - right) / np.where(peaked, bend, 1.0), 0.0)
-    rise: Floats = expected + steps[best] + finer
-    return rise
+    shift: Floats = expected + steps[best] + finer
+    return shift
 
 
-def along_layers(coarse: Floats, rise: Floats, width: int) -> Floats:
-    """`coarse` (z, x) averaged over `width` columns, each shifted to follow the layers."""
+def along_layers(coarse: Floats, floor: NDArray[np.intp], rise: Floats, width: int) -> Floats:
+    """`coarse` (z, x) averaged over `width` columns, each shifted to follow the layers.
+
+    As :func:`settle` gives it with its `floor` (x,); `rise` (x - 1,) is from :func:`rises`.
+    """
     z, x = np.arange(len(coarse))[:, None], np.arange(coarse.shape[1])
-    place = np.concatenate([[0.0], np.cumsum(rise)])
+    place = np.concatenate([[0.0], np.cumsum(rise)]) - floor
     inside = np.isfinite(coarse)
     filled = np.where(inside, coarse, 0.0)
     total, number = np.zeros(coarse.shape), np.zeros(coarse.shape)
@@ -81,13 +108,15 @@ def along_layers(coarse: Floats, rise: Floats, width: int) -> Floats:
     return np.where(known, total / np.where(known, number, 1.0), np.nan)
 
 
-def _likeness(coarse: Floats, lags: NDArray[np.intp]) -> Floats:
-    """X of each column with the next one at its `lags`, (lag, x - 1)."""
+def _likeness(coarse: Floats, lags: NDArray[np.intp], apart: int) -> Floats:
+    """X of each column with the one `apart` at its `lags`, (lag, x - apart)."""
     inside = np.isfinite(coarse)
     mean = np.where(inside, coarse, 0.0).sum(axis=0) / np.maximum(inside.sum(axis=0), 1)
     varying = np.where(inside, coarse - mean, 0.0)
     size = scipy.fft.next_fast_len(2 * len(coarse), real=True)
     spectrum = scipy.fft.rfft(varying, size, axis=0)
-    like: Floats = scipy.fft.irfft(np.conj(spectrum[:, :-1]) * spectrum[:, 1:], size, axis=0)
+    like: Floats = scipy.fft.irfft(
+        np.conj(spectrum[:, :-apart]) * spectrum[:, apart:], size, axis=0
+    )
     overlapping = np.abs(lags) < len(coarse)
     return np.where(overlapping, np.take_along_axis(like, lags % size, axis=0), 0.0)

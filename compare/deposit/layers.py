@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from compare.deposit.counting import Counted, Pairs, count_layers, count_pairs
 from compare.deposit.dual import plateaus
-from compare.deposit.inclination import along_layers, settle, shifts, surface_slope
+from compare.deposit.inclination import along_layers, rises, settle
 from compare.deposit.profiles import settled_coarseness
 from compare.deposit.spectrum import Correlation, Repeat, correlate
 from compare.deposit.zones import coherences, zones
@@ -104,12 +104,13 @@ def layers_of(
     found = {"layering": repeat.strength}
     if np.isfinite(repeat.lag):
         layered = chosen & (local.strength >= CLEAR * repeat.strength)
-        rise = _rise(values, floor, repeat.lag)
-        profiles = along_layers(values, rise, _part(len(x), TOGETHER))
-        coherence = coherences(values, profiles, _part(len(x), TOGETHER))
+        together = _part(len(x), TOGETHER)
+        rise = rises(values, floor, repeat.lag, int(repeat.lag * dz / dx), together)
+        profiles = along_layers(values, floor, rise, together)
+        coherence = coherences(values, profiles, together)
         columns = [_pairs(column, repeat.lag) for column in profiles.T]
         counted = count_layers([columns[i] for i in np.flatnonzero(layered)])
-        slope, slope_error = _middle(-(rise + np.diff(floor))[layered[:-1] & layered[1:]] * dz / dx)
+        slope, slope_error = _middle(-rise[layered[:-1] & layered[1:]] * dz / dx)
         found |= _wavelengths(repeat.lag * dz, counted, dz, (slope, slope_error))
         found |= _drift(x[layered], local.lag[layered] * dz)
         pairs = [columns[i].pair.mean() if len(columns[i].pair) else np.nan for i in range(len(x))]
@@ -187,17 +188,6 @@ def _repeats_in_place(correlation: Correlation, repeat: Repeat) -> _Local:
     together = correlation.neighbourly(_part(columns, TOGETHER))
     found = [together.repeat_near(repeat.lag, i) for i in range(columns)]
     return _Local(np.array([one.lag for one in found]), np.array([one.strength for one in found]))
-
-
-def _rise(values: Floats, floor: NDArray[np.intp], lag: float) -> Floats:
-    """By how many cells above their floor layers `lag` thick rise from column to column, (x - 1,).
-
-    They are looked for where the surface leads, for layers are laid on surfaces.
-    """
-    slope = surface_slope(values, floor)
-    if not np.isfinite(slope):
-        return np.zeros(values.shape[1] - 1)
-    return shifts(values, round(-slope) - np.diff(floor), lag / 2, _part(values.shape[1], TOGETHER))
 
 
 def _drift(x: Floats, wavelength: Floats) -> dict[str, float]:
