@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from compare.kymograph import fronts, kinks
+from compare.kymograph import kinks_and_fronts
 from compare.quantities import coarseness, settled_since, total_inflow, why_not_measured
 from experiment.arrays import Floats
 from experiment.errors import ArchiveError
@@ -95,7 +95,7 @@ def draw_kymograph(axes: "Axes", archive: xr.Dataset) -> None:
 
 
 def _draw_lines(axes: "Axes", archive: xr.Dataset) -> None:
-    for lines, style in ((fronts(archive), FRONT), (kinks(archive), KINK)):
+    for lines, style in zip(kinks_and_fronts(archive), (KINK, FRONT), strict=True):
         for passage in lines["passage"]:
             axes.plot(lines["x"], passage, **style)
     axes.axhline(settled_since(archive), **SETTLED)

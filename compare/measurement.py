@@ -12,7 +12,7 @@ from typing import Any
 import xarray as xr
 
 from compare.deposit import layers
-from compare.kymograph import cycle_period, fronts, kinks, mean_velocity
+from compare.kymograph import cycle_period, kinks_and_fronts, mean_velocity
 from compare.quantities import (
     cell_length,
     flux,
@@ -43,7 +43,7 @@ def measure(archive: xr.Dataset) -> xr.Dataset:
     apart = segregation(archive)
     strength = float(found["layering"])
     word = regime(strength, apart, settled_thickness(archive) / total_inflow(archive))
-    lines_up, lines_down = kinks(archive), fronts(archive)
+    lines_up, lines_down = kinks_and_fronts(archive)
     uphill, kink_error = mean_velocity(lines_up)
     kink = -uphill
     front, front_error = mean_velocity(lines_down)
