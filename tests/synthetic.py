@@ -32,7 +32,7 @@ def archive_of(
     x = np.arange(COLUMNS) + 0.5
     if shape == "heap":
         x = np.concatenate([-x[::-1], x])
-    z = np.arange(0.05, 60.0, 0.1)
+    z = np.arange(0.05, 60.0, 0.1 if coarse else 30.0)
     base = 0.5 * (LENGTH - np.abs(x))
     clean = rolling(time[:, None], np.abs(x))
     height = base + growth(rolling, time, np.abs(x))
@@ -67,7 +67,7 @@ def archive_of(
 
 def growth(rolling: Field, time: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Height (time, x) above the base: 0.01 cm/s in the mean, and only while grains roll."""
-    fine = np.linspace(time[0], time[-1], 4001)
+    fine = np.arange(time[0], time[-1], PERIOD / 97)
     flowing = np.cumsum(rolling(fine[:, None], x) > 0, axis=0) / len(fine)
     grown = flowing / np.maximum(flowing[-1], 1e-9) * 0.01 * time[-1]
     return grown[np.searchsorted(fine, time).clip(max=len(fine) - 1)]
@@ -83,7 +83,7 @@ def wedges(
 
     def rolling(time: np.ndarray, x: np.ndarray) -> np.ndarray:
         flow = np.zeros(np.broadcast_shapes(time.shape, x.shape))
-        for late in range(8):  # periods that an avalanche may last
+        for late in range(2):  # periods that an avalanche may last
             cycle = time // period - late
             phase = time % period + late * period
             far = LENGTH * np.array(reach)[cycle.astype(int) % len(reach)]

@@ -5,13 +5,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import xarray as xr
+from synthetic import archive_of, calm, stripes
 
 from compare import compare, draw, fronts, kinks, layers, measure, segregation
 from compare.quantities import settled_thickness, total_inflow
 from compare.regimes import regime
 from compare.table import as_records, table, with_error
 from experiment import ArchiveError
-from tests.synthetic import archive_of, calm, stripes
 
 
 @pytest.mark.parametrize("wavelength", [0.7, 1.0, 1.6])

@@ -28,6 +28,7 @@ ON, OFF = 0.3, 0.15  # of R0
 FALSE_ALARM = 1e-5  # p
 LEAST_ALARM = 0.1  # R0 times a record: h where there is no noise
 WIDEST = 0.15  # of the slope, over which R may be averaged
+NARROW = 0.25  # of a stretch along x
 
 
 class Crossings(NamedTuple):
@@ -42,19 +43,24 @@ class Crossings(NamedTuple):
 def quieten(flow: Floats, rolled: float) -> tuple[Floats, int, float]:
     """`flow` (time, x) averaged along x, over how many columns, and the noise that is left.
 
-    Over as many columns as grains roll between records, `rolled`, which blurs no line more than the
-    records do; over more where the noise would else hide flow or rest of a single record, but at
-    most over WIDEST.
+    Over no more columns than it takes for noise not to hide flow or rest of a single record, or
+    over as many as grains roll between records, `rolled`, which smooths the steps that sharp lines
+    make there; but at most over WIDEST, or NARROW of a usual stretch of flow or rest.
     """
     widest = max(1.0, WIDEST * flow.shape[1])
     rolling = _averaged(flow, widest) > ON
-    wanted = min(max(1.0, rolled), widest)
-    while True:
-        smooth = _averaged(flow, wanted)
+    columns, smooth, noise = 1.0, flow, noise_of(flow, rolling)
+    while _alarm(noise, ON) > ON and columns < widest:
+        columns = min(2.0 * columns + 1.0, widest)
+        smooth = _averaged(flow, columns)
         noise = noise_of(smooth, rolling)
-        if _alarm(noise, ON) <= ON or wanted >= widest:
-            return smooth, _odd(wanted), noise
-        wanted = min(2.0 * wanted + 1.0, widest)
+    switches = np.count_nonzero(np.diff(alarms(smooth, noise), axis=1))
+    stretch = flow.size / max(1, int(switches))
+    wanted = min(rolled, widest, NARROW * stretch)
+    if wanted > columns:
+        columns, smooth = wanted, _averaged(flow, wanted)
+        noise = noise_of(smooth, rolling)
+    return smooth, _odd(columns), noise
 
 
 def noise_of(flow: Floats, rolling: NDArray[np.bool_]) -> float:

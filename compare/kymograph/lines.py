@@ -25,7 +25,9 @@ from experiment.arrays import Floats, Ints
 __all__ = ["fronts", "kinks", "kinks_and_fronts"]
 
 SHORTEST = 0.15  # of the slope, on which a line was seen
+LASTS = 1.0  # record between which it was first and last seen
 FEWEST = 5  # columns in which it was seen
+LEAST_JUMP = 0.25  # of R0, by which R differs on both sides of a line
 FASTEST = 3.0  # times as fast as grains: what seems to go faster still is no line
 NEAR_END = 0.2  # of the slope: what is born there was born at the end
 Rows = dict[str, tuple[Any, Any, str, str]]  # dims, values, units and meaning by name
@@ -41,6 +43,7 @@ class Slope(NamedTuple):
     measured: NDArray[np.bool_]  # (x,) whether velocities are taken there
     settled: float  # s, when the transient is over
     length: float  # cm
+    inflow: float  # cm, R0
     drift: Floats  # (species,) [cm/s]
     ends_at: str
 
@@ -87,7 +90,7 @@ def kinks_and_fronts(archive: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
     slope = _slope(archive)
     interval = float(np.median(np.diff(slope.time))) if len(slope.time) > 1 else np.inf
     drift, width = velocity(archive), cell_width(archive)
-    flow = slope.thickness.sum(axis=-1) / total_inflow(archive)
+    flow = slope.thickness.sum(axis=-1) / slope.inflow
     rolled = min(drift * interval, slope.length) / width
     flow, smoothed, noise = quieten(flow, rolled)
     rolling = alarms(flow, noise)
@@ -111,6 +114,7 @@ def _slope(archive: xr.Dataset) -> Slope:
         measured_columns(archive)[below],
         settled_since(archive),
         cell_length(archive),
+        total_inflow(archive),
         archive["drift_velocity"].values,
         "lip" if end == "open" else end,
     )
@@ -131,10 +135,16 @@ def _dataset(slope: Slope, records: Sampling, found: Crossings, *, rising: bool)
         "x": ("x", slope.x, "cm", "distance from the pouring point"),
         "measured": ("x", slope.measured, "", "whether velocities are taken here"),
     }
-    told = records.attributes(
-        lines.passage[:, slope.measured], velocities, motion["velocity_error"][1]
+    jump = rows["upstream"][1].sum(axis=1) - rows["downstream"][1].sum(axis=1)
+    parts = np.flatnonzero(jump > LEAST_JUMP * slope.inflow)
+    lines_told = xr.Dataset(_variables(rows), _variables(coordinates)).isel(event=parts)
+    return lines_told.assign_attrs(
+        records.attributes(
+            lines_told["passage"].values[:, slope.measured],
+            lines_told["velocity"].values,
+            lines_told["velocity_error"].values,
+        )
     )
-    return xr.Dataset(_variables(rows), _variables(coordinates), told)
 
 
 def _lines(slope: Slope, records: Sampling, found: Crossings, *, rising: bool) -> Lines:
@@ -149,7 +159,7 @@ def _lines(slope: Slope, records: Sampling, found: Crossings, *, rising: bool) -
     slowness = course.coefficient[:, 1] / course.half * (1.0 if rising else -1.0)
     slowest = slowness + 2.0 * course.error[:, 1] / course.half
     possible = (slowness > 0.0) & (slowest * records.drift > 1.0 / FASTEST)
-    lasts = np.nanmax(table[0], axis=1) - np.nanmin(table[0], axis=1) > records.interval
+    lasts = np.nanmax(table[0], axis=1) - np.nanmin(table[0], axis=1) > LASTS * records.interval
     kept = possible & lasts & (middle > slope.settled)
     order = np.flatnonzero(kept)[np.argsort(middle[kept])]
     return Lines(*table[:, order])

@@ -2,7 +2,7 @@
 
 At each column time counts from the line's passage there, tau = t - t(x), and reaches half-way to
 the lines before and after. The average over columns goes from one level, in the flow, to the other,
-at rest; each level is that of the outer half of its side.
+at rest; each level is the mean from a quarter of the way to the end of its side.
 """
 
 from typing import NamedTuple
@@ -36,7 +36,7 @@ def profiles(
     chosen = np.arange(0, columns, -(-columns // COLUMNS))
     path, before, after = path[:, chosen], before[:, chosen], after[:, chosen]
     early, late = _reach(before), _reach(after)
-    side = np.linspace(0.0, 1.0, STEPS + 1)
+    side = np.linspace(0.0, 1.0, STEPS + 1) ** 2  # finest next to the line
     tau = np.concatenate([-early[:, None] * side[:0:-1], late[:, None] * side], axis=1)
     near = (tau[:, None] >= -before[..., None] / 2) & (tau[:, None] <= after[..., None] / 2)
     at = path[..., None] + tau[:, None]
