@@ -18,9 +18,10 @@ from experiment.arrays import Floats
 
 __all__ = ["Curves", "fit"]
 
-ROUNDS = 30
+Bools = NDArray[np.bool_]
+
+ROUNDS = 20
 CUT = 4.685  # standard deviations at which a passage counts for nothing
-FEWEST_INDEPENDENT = 1.0  # passages more than there are coefficients
 
 
 class Curves(NamedTuple):
@@ -52,58 +53,75 @@ def fit(x: Floats, passage: Floats, degree: int, least: float) -> Curves:
     has too few passages.
     """
     there = np.isfinite(passage)
-    counts = there.sum(axis=1)
-    enough: NDArray[np.bool_] = counts > degree + 1
+    enough: Bools = there.sum(axis=1) > degree + 1
     low, high = x[there.argmax(axis=1)], x[::-1][there[:, ::-1].argmax(axis=1)]
     middle = (low + high) / 2
     half = np.where(enough, (high - low) / 2, 1.0)
     u = np.where(there, (x - middle[:, None]) / half[:, None], 0.0)
     basis = _powers(u, degree)
-    start = np.where(enough, np.nanmedian(np.where(enough[:, None], passage, 0.0), axis=1), 0.0)
+    start = np.where(enough, _median(passage, there), 0.0)
     t = np.where(there, passage - start[:, None], 0.0)
-    weight = there.astype(float)
-    for k in range(ROUNDS):
-        coefficient, normal = _solve(basis, t, weight, enough)
-        residual = np.where(there, t - np.einsum("lk,lxk->lx", coefficient, basis), 0.0)
-        size = np.where(there, np.abs(residual), np.nan)
-        typical = np.nanmedian(np.where(enough[:, None], size, 0.0), axis=1)
-        scale = np.maximum(1.4826 * typical, least * 0.1)[:, None]
-        if k < ROUNDS // 2:
-            weight = there / np.maximum(np.abs(residual), 0.1 * scale)
-        else:
-            weight = there * np.maximum(1.0 - (residual / (CUT * scale)) ** 2, 0.0) ** 2
-    kept = there & (np.abs(residual) < CUT * scale)
-    n = np.maximum(kept.sum(axis=1), 1)
-    residual = np.where(kept, residual, 0.0)
-    tau = np.minimum(_correlation_length(residual, kept), n / (degree + 1 + FEWEST_INDEPENDENT))
-    independent = n / np.maximum(tau, 1.0)
-    variance = (residual**2).sum(axis=1) / n
-    variance *= independent / np.maximum(independent - degree - 1, FEWEST_INDEPENDENT)
-    _, normal = _solve(basis, t, kept.astype(float), enough)
-    inverse = np.linalg.inv(normal)
-    spread = np.einsum("lkk->lk", inverse) * (n / independent)[:, None]
-    error = np.sqrt((variance + least**2)[:, None] * spread)
+    coefficient, residual, kept = _robust(basis, t, there, enough, least)
+    error, scatter, independent = _errors(basis, residual, kept, enough, least)
     coefficient[:, 0] += start
     coefficient[~enough], error[~enough] = np.nan, np.nan
-    return Curves(coefficient, error, middle, half, np.sqrt(variance), independent)
+    return Curves(coefficient, error, middle, half, scatter, independent)
+
+
+def _robust(
+    basis: Floats, t: Floats, there: Bools, enough: Bools, least: float
+) -> tuple[Floats, Floats, Bools]:
+    """Coefficients, residuals (line, x), and which passages are no outliers."""
+    weight = there.astype(float)
+    for k in range(ROUNDS):
+        coefficient = _solve(basis, t, weight, enough)
+        residual = np.where(there, t - np.einsum("lk,lxk->lx", coefficient, basis), 0.0)
+        size = np.abs(residual)
+        scale = np.maximum(1.4826 * _median(size, there), 0.1 * least)[:, None]
+        if k < ROUNDS // 2:
+            weight = there / np.maximum(size, 0.1 * scale)
+        else:
+            weight = there * np.maximum(1.0 - (residual / (CUT * scale)) ** 2, 0.0) ** 2
+    kept: Bools = there & (size < CUT * scale)
+    return coefficient, np.where(kept, residual, 0.0), kept
+
+
+def _errors(
+    basis: Floats, residual: Floats, kept: Bools, enough: Bools, least: float
+) -> tuple[Floats, Floats, Floats]:
+    """Standard errors of the coefficients, scatter, and how many passages are independent."""
+    p = basis.shape[-1]
+    n = np.maximum(kept.sum(axis=1), 1)
+    tau = np.clip(_correlation_length(residual, kept), 1.0, np.maximum(1.0, n / (p + 1.0)))
+    independent = n / tau
+    variance = (residual**2).sum(axis=1) / n * independent / np.maximum(independent - p, 1.0)
+    normal = np.einsum("lxi,lxj->lij", basis * kept[..., None], basis)
+    normal[~enough] = np.eye(p)
+    spread = np.einsum("lkk->lk", np.linalg.inv(normal)) * tau[:, None]
+    return np.sqrt((variance + least**2)[:, None] * spread), np.sqrt(variance), independent
+
+
+def _median(values: Floats, there: Bools) -> Floats:
+    """Median (line,) of those `values` (line, x) that are `there`, the upper one of two."""
+    ordered = np.sort(np.where(there, values, np.inf), axis=1)
+    middle: Floats = ordered[np.arange(len(values)), there.sum(axis=1) // 2]
+    return middle
 
 
 def _powers(u: Floats, degree: int) -> Floats:
     return np.stack([u**k for k in range(degree + 1)], axis=-1)
 
 
-def _solve(
-    basis: Floats, t: Floats, weight: Floats, enough: NDArray[np.bool_]
-) -> tuple[Floats, Floats]:
-    """Weighted least squares of each line: coefficients, and the normal matrix."""
-    weighted = basis * weight[..., None]
-    normal = np.einsum("lxi,lxj->lij", weighted, basis)
+def _solve(basis: Floats, t: Floats, weight: Floats, enough: Bools) -> Floats:
+    """Coefficients (line, degree + 1) by weighted least squares, 0 where there is not enough."""
+    weighted = np.swapaxes(basis * weight[..., None], 1, 2)
+    normal = weighted @ basis
     normal[~enough] = np.eye(basis.shape[-1])
-    right = np.einsum("lxi,lx->li", weighted, t)
-    return np.linalg.solve(normal, right[..., None])[..., 0], normal
+    solved: Floats = np.linalg.solve(normal, weighted @ t[..., None])[..., 0]
+    return solved
 
 
-def _correlation_length(residual: Floats, there: NDArray[np.bool_]) -> Floats:
+def _correlation_length(residual: Floats, there: Bools) -> Floats:
     """Columns tau (line,) that count as one, from residuals (line, x)."""
     n = residual.shape[1]
     size = 2 ** int(np.ceil(np.log2(2 * n)))
