@@ -299,3 +299,13 @@ def test_outliers_do_not_bend_a_curve() -> None:
     curves = fit(x, passage, 2, 0.01)
     np.testing.assert_allclose(curves.coefficient[:, 1] / curves.half, [0.5, -0.2], atol=1e-6)
     np.testing.assert_allclose(curves.coefficient[:, 2] / curves.half**2, [0.0, 0.01], atol=1e-6)
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0])
+def test_the_alarm_rises_with_the_noise(level: float) -> None:
+    """Of 200 columns at rest, or in flow, noise sets off an alarm in hardly any."""
+    flow = level + 0.35 * np.random.default_rng(5).standard_normal((600, 200))
+    told = alarms(flow, 0.35)[20:]
+    assert (told[1:] != told[:1]).any(axis=0).sum() <= 2
+    deaf = alarms(flow, 0.0)[20:]
+    assert (deaf[1:] != deaf[:1]).any(axis=0).sum() > 20

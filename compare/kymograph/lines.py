@@ -4,22 +4,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from compare.kymograph.fit import Curves, fit
 from compare.kymograph.flow import Crossings, alarms, crossings, quieten
 from compare.kymograph.link import link
 from compare.kymograph.profile import profiles
 from compare.kymograph.sampling import Sampling, hidden_growth
-from compare.quantities import (
-    cell_length,
-    cell_width,
-    measured_columns,
-    settled_since,
-    total_inflow,
-    velocity,
-)
-from experiment.archive import experiment_of
+from compare.kymograph.slope import Slope, slope_of
+from compare.quantities import cell_width, velocity
 from experiment.arrays import Floats, Ints
 
 __all__ = ["fronts", "kinks", "kinks_and_fronts"]
@@ -31,21 +23,6 @@ LEAST_JUMP = 0.25  # of R0, by which R differs on both sides of a line
 FASTEST = 3.0  # times as fast as grains: what seems to go faster still is no line
 NEAR_END = 0.2  # of the slope: what is born there was born at the end
 Rows = dict[str, tuple[Any, Any, str, str]]  # dims, values, units and meaning by name
-
-
-class Slope(NamedTuple):
-    """The slope to the right of the source, on which lines are followed."""
-
-    time: Floats  # (time,) [s]
-    x: Floats  # (x,) [cm]
-    thickness: Floats  # (time, x, species) [cm]
-    height: Floats  # (time, x) [cm]
-    measured: NDArray[np.bool_]  # (x,) whether velocities are taken there
-    settled: float  # s, when the transient is over
-    length: float  # cm
-    inflow: float  # cm, R0
-    drift: Floats  # (species,) [cm/s]
-    ends_at: str
 
 
 class Lines(NamedTuple):
@@ -87,7 +64,7 @@ def fronts(archive: xr.Dataset) -> xr.Dataset:
 
 def kinks_and_fronts(archive: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
     """Both, in hardly more than the time that one takes."""
-    slope = _slope(archive)
+    slope = slope_of(archive)
     interval = float(np.median(np.diff(slope.time))) if len(slope.time) > 1 else np.inf
     drift, width = velocity(archive), cell_width(archive)
     flow = slope.thickness.sum(axis=-1) / slope.inflow
@@ -100,23 +77,6 @@ def kinks_and_fronts(archive: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
     return (
         _dataset(slope, records, stops, rising=False),
         _dataset(slope, records, starts, rising=True),
-    )
-
-
-def _slope(archive: xr.Dataset) -> Slope:
-    below = np.flatnonzero(archive["x"].values > 0)
-    end = experiment_of(archive).cell.end
-    return Slope(
-        archive["time"].values,
-        archive["x"].values[below],
-        archive["rolling_thickness"].values[:, below],
-        archive["height"].values[:, below],
-        measured_columns(archive)[below],
-        settled_since(archive),
-        cell_length(archive),
-        total_inflow(archive),
-        archive["drift_velocity"].values,
-        "lip" if end == "open" else end,
     )
 
 
