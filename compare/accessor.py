@@ -5,7 +5,7 @@ from functools import cached_property
 import xarray as xr
 
 from compare.deposit import layers
-from compare.kymograph import fronts, kinks
+from compare.kymograph import kinks_and_fronts
 
 __all__ = ["Strata"]
 
@@ -22,11 +22,11 @@ class Strata:
 
     def kinks(self) -> xr.Dataset:
         """Lines where the flow stops; see :func:`compare.kinks`."""
-        return self._kinks
+        return self._lines[0]
 
     def fronts(self) -> xr.Dataset:
         """Lines where the flow sets in; see :func:`compare.fronts`."""
-        return self._fronts
+        return self._lines[1]
 
     def layers(self) -> xr.Dataset:
         """Layers and zones of the deposit; see :func:`compare.layers`."""
@@ -39,12 +39,8 @@ class Strata:
         return measure(self._archive)
 
     @cached_property
-    def _kinks(self) -> xr.Dataset:
-        return kinks(self._archive)
-
-    @cached_property
-    def _fronts(self) -> xr.Dataset:
-        return fronts(self._archive)
+    def _lines(self) -> tuple[xr.Dataset, xr.Dataset]:
+        return kinks_and_fronts(self._archive)
 
     @cached_property
     def _layers(self) -> xr.Dataset:

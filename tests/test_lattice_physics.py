@@ -176,7 +176,8 @@ def test_small_grains_lie_under_large_ones_in_what_a_cycle_lays(feed: float) -> 
     lower, upper = [], []
     for archive in piles(feed).archives[:2]:
         coarse = coarseness(archive["deposit_fraction"], archive)
-        passage = kinks(archive)["passage"]
+        lines = kinks(archive)
+        passage = lines["passage"].isel(x=lines["measured"].values)
         after = passage + 0.1 * float(passage.diff("event").median())
         for x in after["x"]:
             times = after.sel(x=x).where(after.sel(x=x) < archive["time"][-1]).dropna("event")
@@ -273,7 +274,7 @@ def test_a_random_feed_blurs_the_layers_and_upsets_the_clock_of_the_kinks() -> N
         for found in (fixed, drawn, poisson)
     ]
     assert clock[0].mean < 0.005
-    assert min(clock[1].mean, clock[2].mean) > 0.04
+    assert min(clock[1].mean, clock[2].mean) > 0.02
     spread = [found.value("wavelength_spread") for found in (fixed, drawn, poisson)]
     assert spread[1].is_above(spread[0])
     assert spread[2].is_above(spread[0])

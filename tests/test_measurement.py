@@ -1,94 +1,17 @@
-"""The instrument, on kymographs and deposits whose answers are known."""
+"""The instrument, on deposits whose answers are known, and the table and picture of it all."""
 
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 import xarray as xr
+from synthetic import archive_of, calm, stripes
 
-from compare import compare, cycle_period, draw, fronts, kinks, layers, measure
-from compare.kymograph import mean_velocity
+from compare import compare, draw, fronts, kinks, layers, measure
 from compare.quantities import settled_thickness, total_inflow
 from compare.regimes import regime
 from compare.table import as_records, table, with_error
-from experiment import ArchiveError, load
-from experiment.archive import assemble
-
-LENGTH, COLUMNS, PERIOD, INFLOW = 100.0, 100, 100.0, 1.0
-
-
-def archive_of(
-    rolling: Callable[[np.ndarray, np.ndarray], np.ndarray],
-    coarse: Callable[[np.ndarray, np.ndarray], np.ndarray],
-    noise: float = 0.0,
-) -> xr.Dataset:
-    """An archive with rolling thickness R(t, x) and deposit coarseness c(z above base, x)."""
-    time, x = np.arange(0.0, 1001.0, 2.0), np.arange(COLUMNS) + 0.5
-    z = np.arange(0.05, 60.0, 0.1)
-    base = 0.5 * (LENGTH - x)
-    height = base + 0.01 * time[:, None]
-    above = z[:, None] - base
-    large = np.where((above > 0) & (z[:, None] < height[-1]), coarse(above, x), np.nan)
-    random = np.random.default_rng(3)
-    flow = rolling(time[:, None], x) + noise * random.standard_normal((len(time), COLUMNS))
-    zeros = np.zeros((len(time), 2))
-    experiment = load("makse-stratification", ["pour.duration=1000.0"])
-    arrays = {
-        "time": time,
-        "x": x,
-        "z": z,
-        "height": height,
-        "base_height": base,
-        "rolling_thickness": np.stack([flow / 2, flow / 2], axis=-1),
-        "surface_fraction": np.full((len(time), COLUMNS, 2), 0.5),
-        "deposit_fraction": np.stack([1 - large, large], axis=-1),
-        "poured_volume": zeros,
-        "rolling_volume": zeros,
-        "deposited_volume": zeros,
-        "outflow_volume": zeros,
-    }
-    return assemble(experiment, "continuum", arrays, {})
-
-
-def wedges(front: float, kink: float) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Flow behind a front going down and before a kink coming up, once a period."""
-
-    def rolling(time: np.ndarray, x: np.ndarray) -> np.ndarray:
-        phase = time % PERIOD
-        arrives = x / front
-        stops = LENGTH / front + (LENGTH - x) / kink
-        return INFLOW * ((phase > arrives) & (phase < stops))
-
-    return rolling
-
-
-def stripes(wavelength: float, share: float = 0.5):
-    return lambda above, x: ((above + 0.02 * x) % wavelength > share * wavelength).astype(float)
-
-
-def calm(time: np.ndarray, x: np.ndarray) -> np.ndarray:
-    return INFLOW * (1 - x / LENGTH) + 0 * time
-
-
-@pytest.mark.parametrize(("front", "kink"), [(4.0, 2.0), (2.5, 4.0), (3.0, 3.0)])
-@pytest.mark.parametrize("noise", [0.0, 0.2])
-def test_fronts_and_kinks_of_known_velocity_are_found(front, kink, noise) -> None:
-    """Within 2 % and their own errors, none missed or invented, up to noise of 20 % of R0."""
-    archive = archive_of(wedges(front, kink), stripes(1.0), noise)
-    up, down = kinks(archive), fronts(archive)
-    assert up.sizes["event"] in (6, 7)
-    assert down.sizes["event"] in (6, 7)
-    for lines, velocity in ((up, -kink), (down, front)):
-        assert mean_velocity(lines)[0] == pytest.approx(velocity, rel=0.02)
-        assert (np.abs(lines["velocity"] - velocity) < 5 * lines["velocity_error"]).all()
-        assert (lines["velocity_error"] < 0.05 * abs(velocity)).all()
-    assert cycle_period(up)[0] == pytest.approx(PERIOD, rel=0.01)
-
-
-def test_a_calm_flow_has_no_lines() -> None:
-    archive = archive_of(calm, lambda above, x: (x > 50) + 0 * above, noise=0.05)
-    assert kinks(archive).sizes["event"] == fronts(archive).sizes["event"] == 0
-    assert np.isnan(cycle_period(kinks(archive))).all()
+from experiment import ArchiveError
 
 
 @pytest.mark.parametrize("wavelength", [0.7, 1.0, 1.6])

@@ -59,10 +59,11 @@ def rises(coarse: Floats, floor: NDArray[np.intp], lag: float, farthest: int, wi
     while True:
         fallen = floor[:-apart] - floor[apart:]
         near = round(-slope * apart) + fallen
-        rise = (_shifts(coarse, near, lag / 2, width, apart) - fallen) / apart
+        shift, likeness = _shifts(coarse, near, lag / 2, width, apart)
+        rise = (shift - fallen) / apart
         if apart == farthest:
             break
-        slope = -float(np.median(rise))
+        slope = -_weighted_median(rise, likeness)
         apart = min(2 * apart, farthest)
     middles = np.arange(columns - apart) + (apart - 1) / 2
     return np.interp(np.arange(columns - 1), middles, rise)
@@ -70,19 +71,32 @@ def rises(coarse: Floats, floor: NDArray[np.intp], lag: float, farthest: int, wi
 
 def _shifts(
     coarse: Floats, expected: NDArray[np.intp], reach: float, width: int, apart: int
-) -> Floats:
-    """The lag (x - apart,), within `reach` of the one `expected`, of the greatest likeness."""
+) -> tuple[Floats, Floats]:
+    """The lag (x - apart,), within `reach` of the one `expected`, of the greatest likeness; and it.
+
+    Where there is nothing to liken, in zones of one kind of grain, the one expected.
+    """
     steps = np.arange(-max(1, int(reach)), max(1, int(reach)) + 1)
     like = _likeness(coarse, expected + steps[:, None], apart)
     like = scipy.ndimage.uniform_filter1d(like, width, axis=1, mode="nearest")
-    best = like.argmax(axis=0)
+    most = like.max(axis=0)
+    best = np.where(most > 0, like.argmax(axis=0), len(steps) // 2)
     inner = np.clip(best, 1, len(steps) - 2)
     left, middle, right = (like[inner + step, np.arange(like.shape[1])] for step in (-1, 0, 1))
     bend = left - 2 * middle + right
     peaked = (best == inner) & (bend < 0)
     finer = np.where(peaked, 0.5 * (left - right) / np.where(peaked, bend, 1.0), 0.0)
     shift: Floats = expected + steps[best] + finer
-    return shift
+    return shift, np.maximum(most, 0.0)
+
+
+def _weighted_median(values: Floats, weights: Floats) -> float:
+    """The plain one where no value has any weight."""
+    if not weights.sum() > 0:
+        return float(np.median(values))
+    order = values.argsort()
+    below = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(below, 0.5 * below[-1])])
 
 
 def along_layers(coarse: Floats, floor: NDArray[np.intp], rise: Floats, width: int) -> Floats:
