@@ -117,6 +117,7 @@ def test_four_species_keep_their_volumes_and_their_order(poured: Poured) -> None
         f"mixture={{names=['a','b','c','d'], grain_diameter=[0.02,0.03,0.05,0.08], "
         f"drift_velocity=10.0, repose_slope={slopes}, collision_rate={rates}}}",
         "feed.inflow=[0.06,0.06,0.06,0.06]",
+        "uncertain={}",
     )
     archive = poured("continuum", "glass-sugar", *settings)
     held = archive["rolling_volume"] + archive["deposited_volume"]

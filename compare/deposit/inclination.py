@@ -86,8 +86,7 @@ def _shifts(
     bend = left - 2 * middle + right
     peaked = (best == inner) & (bend < 0)
     finer = np.where(peaked, 0.5 * (left - right) / np.where(peaked, bend, 1.0), 0.0)
-    shift: Floats = expected + steps[best] + finer
-    return shift, np.maximum(most, 0.0)
+    return (expected + steps[best]).astype(np.float64) + finer, np.maximum(most, 0.0)
 
 
 def _weighted_median(values: Floats, weights: Floats) -> float:
