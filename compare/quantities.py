@@ -29,6 +29,7 @@ __all__ = [
 
 TRANSIENT_SHARE = 1 / 3
 EDGE_SHARE = 0.2
+BARE = 0.1  # R0: what is laid thinner than this covers nothing
 
 
 def total_inflow(archive: xr.Dataset) -> float:
@@ -82,8 +83,21 @@ def why_not_measured(archive: xr.Dataset) -> str | None:
 
 
 def rise_velocity(archive: xr.Dataset) -> float:
-    """R0 v / L [cm/s]: how fast the pile grows on average."""
-    return flux(archive) / cell_length(archive)
+    """R0 v / L [cm/s]: how fast the settled pile grows on average.
+
+    L is the length that grains cover, which in a heap grows, too; and what fell off an open end
+    does not count.
+    """
+    settled = archive.sel(time=slice(settled_since(archive), None))
+    slope = settled.isel(x=np.flatnonzero(archive["x"].values > 0))
+    laid = slope["height"] - slope["base_height"] > BARE * total_inflow(archive)
+    covered = laid.sum("x").mean("time") * cell_width(archive)
+    poured, lost = (
+        float((volume[-1] - volume[0]).sum())
+        for volume in (settled["poured_volume"], settled["outflow_volume"])
+    )
+    kept = 1.0 - lost / poured if poured > 0 else 1.0
+    return flux(archive) * kept / float(covered) if covered > 0 else 0.0
 
 
 def settled_since(archive: xr.Dataset) -> float:
