@@ -13,7 +13,7 @@ tell. The two thresholds were read off pours that had been labelled by eye (test
 
 __all__ = ["LAYERED_REGIMES", "regime"]
 
-LAYERED_SHARE = 0.2
+LAYERED_SHARE = 1 / 6
 SEGREGATED = 0.5
 THINNEST = 5.0  # R0
 LAYERED_REGIMES = ("stratified", "layered-and-segregated")

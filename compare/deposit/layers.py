@@ -15,12 +15,12 @@ import scipy
 import xarray as xr
 from numpy.typing import NDArray
 
-from compare.deposit.counting import Counted, Pairs, count_layers, count_pairs
+from compare.deposit.counting import Counted, count_layers, count_pairs
 from compare.deposit.dual import plateaus
 from compare.deposit.inclination import along_layers, rises, settle
 from compare.deposit.profiles import settled_coarseness
 from compare.deposit.spectrum import Correlation, Repeat, correlate
-from compare.deposit.zones import coherences, zones
+from compare.deposit.zones import zones
 from compare.quantities import measured_columns, quantity
 from experiment.arrays import Floats
 
@@ -31,6 +31,7 @@ TOGETHER = 20  # this part of the columns is looked at together, where one alone
 FEWEST = 5  # columns of it
 SMOOTHED = 10  # this part of a wavelength is averaged before layers are counted
 THINNEST = 4  # mean grain diameters, a pair of layers
+LEAST_VARIANCE = 1e-6  # of coarseness, below which nothing varies
 CLEAR = 0.5  # of the mean strength, in columns that are looked at further
 
 SCALARS = {
@@ -68,7 +69,7 @@ SCALARS = {
 IN_PLACE = {
     "wavelength_at": ("cm", "vertical wavelength of the layers in place"),
     "layering_at": ("1", "strength of the layering in place"),
-    "coherence_at": ("1", "share of the variance that lies in layers, in place"),
+    "regularity_at": ("1", "share of the variance that repeats, of profiles along the layers"),
     "coarseness_at": ("1", "mean coarseness of the deposit in place"),
 }
 
@@ -100,15 +101,15 @@ def layers_of(
     correlation = correlate(values)
     repeat = correlation.pooled(chosen).repeat(THINNEST * grain / dz)
     local = _repeats_in_place(correlation, repeat)
-    coherence: Floats = np.zeros(len(x))
+    regularity: Floats = np.zeros(len(x))
     found = {"layering": repeat.strength}
     if np.isfinite(repeat.lag):
         layered = chosen & (local.strength >= CLEAR * repeat.strength)
         together = _part(len(x), TOGETHER)
         rise = rises(values, floor, repeat.lag, int(repeat.lag * dz / dx), together)
-        profiles = along_layers(values, floor, rise, together)
-        coherence = coherences(values, profiles, together)
-        columns = [_pairs(column, repeat.lag) for column in profiles.T]
+        profiles = _smooth(along_layers(values, floor, rise, together), repeat.lag / SMOOTHED)
+        regularity = _regularity(profiles, repeat)
+        columns = [count_pairs(column[np.isfinite(column)]) for column in profiles.T]
         counted = count_layers([columns[i] for i in np.flatnonzero(layered)])
         slope, slope_error = _middle(-rise[layered[:-1] & layered[1:]] * dz / dx)
         found |= _wavelengths(repeat.lag * dz, counted, dz, (slope, slope_error))
@@ -116,9 +117,9 @@ def layers_of(
         pairs = [columns[i].pair.mean() if len(columns[i].pair) else np.nan for i in range(len(x))]
         found |= _two_wavelengths(np.where(layered, pairs, np.nan) * dz, x)
     mean = _column_mean(values)
-    found |= zones(x, mean, local.strength, coherence)
+    found |= zones(x, mean, local.strength, regularity)
     comment = _second_thoughts(found)
-    in_place = (local.lag * dz, local.strength, coherence, mean)
+    in_place = (local.lag * dz, local.strength, regularity, mean)
     return xr.Dataset(
         {name: quantity(found.get(name, np.nan), *told) for name, told in SCALARS.items()}
         | {
@@ -167,12 +168,28 @@ def _wavelengths(
     }
 
 
-def _pairs(profile: Floats, lag: float) -> Pairs:
-    """The pairs of layers in a column (z,), its noise averaged over a part of the wavelength."""
-    there = profile[np.isfinite(profile)]
-    if not len(there):
-        return count_pairs(there)
-    return count_pairs(scipy.ndimage.uniform_filter1d(there, max(1, int(lag / SMOOTHED))))
+def _smooth(profiles: Floats, cells: float) -> Floats:
+    """The columns of `profiles` (z, x), NaN outside, averaged over so many `cells` along z."""
+    smooth = np.full(profiles.shape, np.nan)
+    for i, column in enumerate(profiles.T):
+        there = np.isfinite(column)
+        if there.any():
+            smooth[there, i] = scipy.ndimage.uniform_filter1d(column[there], max(1, int(cells)))
+    return smooth
+
+
+def _regularity(profiles: Floats, repeat: Repeat) -> Floats:
+    """A(wavelength) / A(0) of `profiles` (z, x) along the layers, in place, from 0 to 1.
+
+    Grains that know nothing of each other are averaged away before; what is left of them, and
+    layers that come without order, do not repeat.
+    """
+    correlation = correlate(profiles)
+    together = correlation.neighbourly(_part(profiles.shape[1], TOGETHER))
+    variance = together.sums[0] / np.maximum(together.terms[0], 1.0)
+    repeats = (_repeats_in_place(correlation, repeat).strength / 2) ** 2
+    known = variance > LEAST_VARIANCE
+    return np.where(known, repeats / np.where(known, variance, 1.0), 0.0)
 
 
 def _two_wavelengths(wavelength: Floats, x: Floats) -> dict[str, float]:

@@ -5,10 +5,7 @@ possible value sqrt(f (1 - f)), f the coarseness of all: 1 for species that lie 
 
 A column belongs to the small (large) grains where the mean coarseness of what was laid is below
 PURE (above 1 - PURE); and to the layers where these are at least FAINTEST strong and at least
-COHERENT. A zone is the longest run of such columns; it begins at the upper edge of the first one.
-
-Coherence is that part of the variance of a column's coarseness that an average along the layers
-keeps: of n columns of grains that know nothing of each other 1/n is kept, which counts as 0.
+REGULAR. A zone is the longest run of such columns; it begins at the upper edge of the first one.
 """
 
 import numpy as np
@@ -16,23 +13,23 @@ from numpy.typing import NDArray
 
 from experiment.arrays import Floats
 
-__all__ = ["coherences", "zones"]
+__all__ = ["zones"]
 
 PURE = 0.1
 FAINTEST = 0.1
-COHERENT = 0.4
+REGULAR = 0.45
 
 
-def zones(x: Floats, coarseness: Floats, layering: Floats, coherence: Floats) -> dict[str, float]:
+def zones(x: Floats, coarseness: Floats, layering: Floats, regularity: Floats) -> dict[str, float]:
     """Where zones begin and end [cm], NaN where there is none; and shares of the slope.
 
-    From the mean `coarseness`, the strength of `layering` and the `coherence` of the columns at
+    From the mean `coarseness`, the strength of `layering` and the `regularity` of the columns at
     `x`, all (x,). What is still bare (NaN) is left out of the shares.
     """
     known = np.isfinite(coarseness)
     mean = np.where(known, coarseness, 0.5)
     small, large = mean < PURE, mean > 1 - PURE
-    layered = known & (layering >= FAINTEST) & (coherence >= COHERENT)
+    layered = known & (layering >= FAINTEST) & (regularity >= REGULAR)
     found: dict[str, float] = {}
     for name, zone in (("small", small), ("large", large), ("layered", layered)):
         found[f"zone_{name}_begin"], found[f"zone_{name}_end"] = _longest_run(x, zone)
@@ -50,22 +47,6 @@ def _segregation(coarseness: Floats) -> float:
     overall = coarseness.mean()
     largest = np.sqrt(overall * (1.0 - overall))
     return float(coarseness.std() / largest) if largest > 0 else 0.0
-
-
-def coherences(coarse: Floats, averaged: Floats, width: int) -> Floats:
-    """Coherence (x,) of `coarse` (z, x), from 0 to 1, and of its average over `width` columns."""
-    raw, kept = (_variance(values) for values in (coarse, averaged))
-    share = np.where(raw > 0, kept / np.where(raw > 0, raw, 1.0), 0.0)
-    return np.clip((share - 1 / width) / (1 - 1 / width), 0.0, 1.0)
-
-
-def _variance(values: Floats) -> Floats:
-    """That of each column, NaN left out; 0 of an empty one."""
-    inside = np.isfinite(values)
-    number = np.maximum(inside.sum(axis=0), 1)
-    mean = np.where(inside, values, 0.0).sum(axis=0) / number
-    variance: Floats = np.square(np.where(inside, values - mean, 0.0)).sum(axis=0) / number
-    return variance
 
 
 def _longest_run(x: Floats, inside: NDArray[np.bool_]) -> tuple[float, float]:
