@@ -190,6 +190,28 @@ def test_equal_layers_of_pure_grains_have_strength_one() -> None:
     assert number(layers_of(drawn(parallel(1.0))), "layering") == pytest.approx(1.0, abs=0.05)
 
 
+@pytest.mark.parametrize("columns", [120, 600])
+def test_ragged_layers_in_narrow_columns_are_layers_and_random_grains_are_none(columns) -> None:
+    """Two grains of ten are misplaced, in columns as wide as a sublayer and a fifth of that."""
+    x = (np.arange(columns) + 0.5) * WIDTH / columns
+    z = np.arange(0.1, 66.0, 0.2)
+    above = z[:, None] - 0.5 * (WIDTH - x)
+    inside = (above > 0) & (above < 15.0)
+    random = np.random.default_rng(2).uniform(size=above.shape)
+    layered = np.where(random < 0.2, above / 1.6 % 1.0 < 0.5, above / 1.6 % 1.0 > 0.5)
+    for large, some in ((layered, True), (random > 0.5, False)):
+        coarse = np.where(inside, large, np.nan)
+        found = layers_of(xr.DataArray(coarse, {"z": z, "x": x}, ("z", "x")))
+        assert (number(found, "layered_share") > 0.5) == some
+        assert (number(found, "layered_share") < 0.05) != some
+
+
+def test_what_alternates_grain_by_grain_is_no_layer() -> None:
+    deposit = drawn(parallel(0.4))
+    assert number(layers_of(deposit), "wavelength") == pytest.approx(0.4, rel=0.02)
+    assert np.isnan(number(layers_of(deposit, grain=0.15), "wavelength"))
+
+
 def test_a_bare_toe_hides_no_layers() -> None:
     """Of a growing heap, whose lowest columns have only just been reached."""
     whole = drawn(parallel(1.2), noise=0.2)

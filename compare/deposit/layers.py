@@ -8,8 +8,6 @@ Counting looks at profiles averaged along the layers (:mod:`compare.deposit.incl
 single columns of grains are noise to it.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 import scipy
 import xarray as xr
@@ -18,8 +16,16 @@ from numpy.typing import NDArray
 from compare.deposit.counting import Counted, count_layers, count_pairs
 from compare.deposit.dual import plateaus
 from compare.deposit.inclination import along_layers, rises, settle
+from compare.deposit.order import (
+    FEWEST,
+    coherence,
+    column_mean,
+    regularity,
+    repeats,
+    together,
+)
 from compare.deposit.profiles import settled_coarseness
-from compare.deposit.spectrum import Correlation, Repeat, correlate
+from compare.deposit.spectrum import correlate
 from compare.deposit.zones import zones
 from compare.quantities import measured_columns, quantity
 from experiment.arrays import Floats
@@ -27,11 +33,8 @@ from experiment.arrays import Floats
 __all__ = ["layers", "layers_of"]
 
 AGREE = 0.1
-TOGETHER = 20  # this part of the columns is looked at together, where one alone is noise
-FEWEST = 5  # columns of it
 SMOOTHED = 10  # this part of a wavelength is averaged before layers are counted
 THINNEST = 4  # mean grain diameters, a pair of layers
-LEAST_VARIANCE = 1e-6  # of coarseness, below which nothing varies
 CLEAR = 0.5  # of the mean strength, in columns that are looked at further
 
 SCALARS = {
@@ -69,7 +72,8 @@ SCALARS = {
 IN_PLACE = {
     "wavelength_at": ("cm", "vertical wavelength of the layers in place"),
     "layering_at": ("1", "strength of the layering in place"),
-    "regularity_at": ("1", "share of the variance that repeats, of profiles along the layers"),
+    "coherence_at": ("1", "share of the variance that an average along the layers keeps"),
+    "regularity_at": ("1", "share of the variance of such an average that repeats"),
     "coarseness_at": ("1", "mean coarseness of the deposit in place"),
 }
 
@@ -100,26 +104,24 @@ def layers_of(
     dz, dx = _spacing(coarse["z"].values), _spacing(x)
     correlation = correlate(values)
     repeat = correlation.pooled(chosen).repeat(THINNEST * grain / dz)
-    local = _repeats_in_place(correlation, repeat)
-    regularity: Floats = np.zeros(len(x))
+    local = repeats(correlation, repeat)
     found = {"layering": repeat.strength}
+    coherent: Floats = np.zeros(len(x))
+    regular: Floats = np.zeros(len(x))
     if np.isfinite(repeat.lag):
         layered = chosen & (local.strength >= CLEAR * repeat.strength)
-        together = _part(len(x), TOGETHER)
-        rise = rises(values, floor, repeat.lag, int(repeat.lag * dz / dx), together)
-        profiles = _smooth(along_layers(values, floor, rise, together), repeat.lag / SMOOTHED)
-        regularity = _regularity(profiles, repeat)
-        columns = [count_pairs(column[np.isfinite(column)]) for column in profiles.T]
-        counted = count_layers([columns[i] for i in np.flatnonzero(layered)])
-        slope, slope_error = _middle(-rise[layered[:-1] & layered[1:]] * dz / dx)
-        found |= _wavelengths(repeat.lag * dz, counted, dz, (slope, slope_error))
+        rise = rises(values, floor, repeat.lag, int(repeat.lag * dz / dx), together(len(x)))
+        profiles = along_layers(values, floor, rise, together(len(x)))
+        coherent = coherence(values, profiles)
+        profiles = _smooth(profiles, repeat.lag / SMOOTHED)
+        regular = regularity(profiles, repeat)
+        inclined = _middle(-rise[layered[:-1] & layered[1:]] * dz / dx)
+        found |= _numbers(repeat.lag, profiles, layered, inclined, coarse)
         found |= _drift(x[layered], local.lag[layered] * dz)
-        pairs = [columns[i].pair.mean() if len(columns[i].pair) else np.nan for i in range(len(x))]
-        found |= _two_wavelengths(np.where(layered, pairs, np.nan) * dz, x)
-    mean = _column_mean(values)
-    found |= zones(x, mean, local.strength, regularity)
+    mean = column_mean(values)
+    found |= zones(x, mean, local.strength, coherent, regular)
     comment = _second_thoughts(found)
-    in_place = (local.lag * dz, local.strength, regularity, mean)
+    in_place = (local.lag * dz, local.strength, coherent, regular, mean)
     return xr.Dataset(
         {name: quantity(found.get(name, np.nan), *told) for name, told in SCALARS.items()}
         | {
@@ -131,11 +133,21 @@ def layers_of(
     )
 
 
-class _Local(NamedTuple):
-    """The repeat in each column and its neighbours, (x,)."""
-
-    lag: Floats
-    strength: Floats
+def _numbers(
+    lag: float,
+    profiles: Floats,
+    layered: NDArray[np.bool_],
+    inclined: tuple[float, float],
+    coarse: xr.DataArray,
+) -> dict[str, float]:
+    """What counting adds to the wavelength by spectrum, `lag` cells of the deposit `coarse`."""
+    dz = _spacing(coarse["z"].values)
+    columns = [count_pairs(column[np.isfinite(column)]) for column in profiles.T]
+    counted = count_layers([columns[i] for i in np.flatnonzero(layered)])
+    pairs = np.array([one.pair.mean() if len(one.pair) else np.nan for one in columns])
+    names = ("wavelength_upper", "wavelength_lower", "wavelength_step_x")
+    steps = plateaus(np.where(layered, pairs, np.nan) * dz, coarse["x"].values)
+    return _wavelengths(lag * dz, counted, dz, inclined) | dict(zip(names, steps, strict=True))
 
 
 def _wavelengths(
@@ -178,41 +190,12 @@ def _smooth(profiles: Floats, cells: float) -> Floats:
     return smooth
 
 
-def _regularity(profiles: Floats, repeat: Repeat) -> Floats:
-    """A(wavelength) / A(0) of `profiles` (z, x) along the layers, in place, from 0 to 1.
-
-    Grains that know nothing of each other are averaged away before; what is left of them, and
-    layers that come without order, do not repeat.
-    """
-    correlation = correlate(profiles)
-    together = correlation.neighbourly(_part(profiles.shape[1], TOGETHER))
-    variance = together.sums[0] / np.maximum(together.terms[0], 1.0)
-    repeats = (_repeats_in_place(correlation, repeat).strength / 2) ** 2
-    known = variance > LEAST_VARIANCE
-    return np.where(known, repeats / np.where(known, variance, 1.0), 0.0)
-
-
-def _two_wavelengths(wavelength: Floats, x: Floats) -> dict[str, float]:
-    names = ("wavelength_upper", "wavelength_lower", "wavelength_step_x")
-    return dict(zip(names, plateaus(wavelength, x), strict=True))
-
-
-def _repeats_in_place(correlation: Correlation, repeat: Repeat) -> _Local:
-    """In each column, with its neighbours, the repeat nearest to that of all columns."""
-    columns = correlation.sums.shape[1]
-    if not np.isfinite(repeat.lag):
-        return _Local(np.full(columns, np.nan), np.zeros(columns))
-    together = correlation.neighbourly(_part(columns, TOGETHER))
-    found = [together.repeat_near(repeat.lag, i) for i in range(columns)]
-    return _Local(np.array([one.lag for one in found]), np.array([one.strength for one in found]))
-
-
 def _drift(x: Floats, wavelength: Floats) -> dict[str, float]:
     """The change of wavelength with x, by least squares; columns together count as one."""
     if len(x) <= FEWEST:
         return {}
     fit = scipy.stats.linregress(x, wavelength)
-    independent = np.sqrt(_part(len(x), TOGETHER))
+    independent = np.sqrt(together(len(x)))
     return {
         "wavelength_drift": float(fit.slope),
         "wavelength_drift_error": float(fit.stderr * independent),
@@ -244,20 +227,8 @@ def _middle(values: Floats) -> tuple[float, float]:
     """Median, and its standard error where neighbours are known together; NaN for none."""
     if not len(values):
         return np.nan, np.nan
-    independent = max(1.0, len(values) / _part(len(values), TOGETHER))
+    independent = max(1.0, len(values) / together(len(values)))
     return float(np.median(values)), float(values.std() / np.sqrt(independent))
-
-
-def _column_mean(values: Floats) -> Floats:
-    inside = np.isfinite(values)
-    number = inside.sum(axis=0)
-    total = np.where(inside, values, 0.0).sum(axis=0)
-    return np.where(number > 0, total / np.maximum(number, 1), np.nan)
-
-
-def _part(columns: int, share: int) -> int:
-    """An odd number of columns, the `share`-th part of all, but not fewer than FEWEST."""
-    return max(FEWEST, columns // share) | 1
 
 
 def _spacing(values: Floats) -> float:

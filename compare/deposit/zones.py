@@ -4,8 +4,10 @@ Segregation is the standard deviation over x of the column's mean coarseness, ov
 possible value sqrt(f (1 - f)), f the coarseness of all: 1 for species that lie apart.
 
 A column belongs to the small (large) grains where the mean coarseness of what was laid is below
-PURE (above 1 - PURE); and to the layers where these are at least FAINTEST strong and at least
-REGULAR. A zone is the longest run of such columns; it begins at the upper edge of the first one.
+PURE (above 1 - PURE); and to the layers where these are at least FAINTEST strong and either of a
+piece along the slope (COHERENT) or in good order along the vertical (REGULAR), for layers may be
+irregular, and in columns much narrower than a layer grains are ragged. A zone is the longest run of
+such columns; it begins at the upper edge of the first one.
 """
 
 import numpy as np
@@ -17,19 +19,23 @@ __all__ = ["zones"]
 
 PURE = 0.1
 FAINTEST = 0.1
+COHERENT = 0.4
 REGULAR = 0.45
 
 
-def zones(x: Floats, coarseness: Floats, layering: Floats, regularity: Floats) -> dict[str, float]:
+def zones(
+    x: Floats, coarseness: Floats, layering: Floats, coherence: Floats, regularity: Floats
+) -> dict[str, float]:
     """Where zones begin and end [cm], NaN where there is none; and shares of the slope.
 
-    From the mean `coarseness`, the strength of `layering` and the `regularity` of the columns at
-    `x`, all (x,). What is still bare (NaN) is left out of the shares.
+    From the mean `coarseness`, the strength of `layering`, its `coherence` and its `regularity` in
+    the columns at `x`, all (x,). What is still bare (NaN) is left out of the shares.
     """
     known = np.isfinite(coarseness)
     mean = np.where(known, coarseness, 0.5)
     small, large = mean < PURE, mean > 1 - PURE
-    layered = known & (layering >= FAINTEST) & (regularity >= REGULAR)
+    ordered = (coherence >= COHERENT) | (regularity >= REGULAR)
+    layered = known & (layering >= FAINTEST) & ordered
     found: dict[str, float] = {}
     for name, zone in (("small", small), ("large", large), ("layered", layered)):
         found[f"zone_{name}_begin"], found[f"zone_{name}_end"] = _longest_run(x, zone)
