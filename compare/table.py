@@ -121,7 +121,9 @@ def layers_table(found: xr.Dataset) -> Table:
         unit = found[name].attrs.get("units", "1")
         label = str(found[name].attrs["long_name"]) + (f" ({unit})" if unit != "1" else "")
         value = found[name].item()
-        sheet.add_row(Text(label), value if isinstance(value, str) else with_error(value, error))
+        cell = value if isinstance(value, str) else with_error(value, error)
+        if cell != "-":
+            sheet.add_row(Text(label), cell)
     return sheet
 
 

@@ -72,10 +72,14 @@ def layers_in(deposit: Deposit, shot: Shot, large: str = "bright") -> xr.Dataset
 def agree(found: xr.Dataset, archive: xr.Dataset, within: float) -> None:
     for name in ("wavelength", "wavelength_normal"):
         assert found[name].item() == pytest.approx(archive[name].item(), rel=within), name
+    if archive["pairs_a_cycle"].item() == 1:  # two unlike pairs blur into one
+        for name in ("thickness_small", "thickness_large", "wavelength_counted"):
+            assert found[name].item() == pytest.approx(archive[name].item(), rel=0.25), name
+    assert found["inclination"].item() == pytest.approx(archive["inclination"].item(), abs=0.05)
     assert found["layering"].item() == pytest.approx(archive["layering"].item(), rel=0.3)
 
 
-@pytest.mark.parametrize("name", LAYERED)
+@pytest.mark.parametrize("name", ["sugar", "makse, continuum"])
 @pytest.mark.parametrize(
     ("colours", "air", "large"),
     [
@@ -114,7 +118,7 @@ def test_without_rotation_the_wavelength_is_that_of_tilted_layers(deposit) -> No
     assert abs(found["wavelength"].item() / pile.layers["wavelength"].item() - 1) > 0.05
 
 
-@pytest.mark.parametrize("name", LAYERED)
+@pytest.mark.parametrize("name", ["sugar", "makse, continuum"])
 def test_mild_perspective_without_corners_costs_its_mean_stretch(deposit, name) -> None:
     """An upper edge 6 % shorter, not set right, is some 3 % of lengths across: within 5 % here."""
     pile = deposit(name)

@@ -21,6 +21,7 @@ PURE = 0.1
 FAINTEST = 0.1
 COHERENT = 0.4
 REGULAR = 0.45
+DIGITS = 9  # of edges in cm, that the pouring point be at 0
 
 
 def zones(
@@ -63,4 +64,5 @@ def _longest_run(x: Floats, inside: NDArray[np.bool_]) -> tuple[float, float]:
         return np.nan, np.nan
     longest = int((ends - begins).argmax())
     half = (x[1] - x[0]) / 2 if len(x) > 1 else 0.0
-    return float(x[begins[longest]] - half), float(x[ends[longest] - 1] + half)
+    edges = x[begins[longest]] - half, x[ends[longest] - 1] + half
+    return abs(round(float(edges[0]), DIGITS)), round(float(edges[1]), DIGITS)
