@@ -2,6 +2,7 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -26,6 +27,7 @@ def test_the_commands_run_in_their_order(tmp_path: Path) -> None:
     (commands,) = blocks("sh")
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     shorter = commands.replace("mine.toml --set", "mine.toml --set pour.duration=60.0 --set")
+    shutil.copytree(ROOT / "docs", tmp_path / "docs")
     done = subprocess.run(
         ["/bin/sh", "-e", "-c", shorter],
         cwd=tmp_path,
@@ -36,6 +38,9 @@ def test_the_commands_run_in_their_order(tmp_path: Path) -> None:
     )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "pours" / "mine" / "comparison.png").exists()
+    found = re.search(r"by spectrum \(cm\) *│ (\S+)", done.stdout)
+    assert found
+    assert abs(float(found[1]) - 1.2) < 0.02
 
 
 def test_every_file_it_names_is_there() -> None:
