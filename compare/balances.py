@@ -20,6 +20,7 @@ __all__ = ["Measured", "balances", "unbalanced", "volume_residual"]
 
 
 LARGEST = 0.05  # residual that a pour's end and beginning explain
+IN_ANY_CASE = 0.2  # residual that is told whatever its error, which the same fault may make large
 
 
 class Measured(NamedTuple):
@@ -55,7 +56,7 @@ def unbalanced(residual: Measured) -> str:
 
     Volume is conserved: then lines or layers were missed, or cycles and layers are not one thing.
     """
-    if not abs(residual.value) > max(LARGEST, 3 * residual.error):
+    if not abs(residual.value) > min(max(LARGEST, 3 * residual.error), IN_ANY_CASE):
         return ""
     return f"wavelength departs from R0 v T / L by {residual.value:+.0%}: look at both pictures"
 

@@ -10,10 +10,10 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import closing
+from contextlib import closing, contextmanager
 from typing import NamedTuple
 
 import numpy as np
@@ -91,9 +91,10 @@ def _at_once(jobs: Jobs, workers: int) -> Outcomes:
     """The outcomes as they come; when this process ends or is stopped, so are the others."""
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context(START), initializer=_start)
     try:
-        numbers: dict[Future[Outcome], int] = {
-            pool.submit(_outcome, *job): number for number, job in enumerate(jobs)
-        }
+        with _deaf_to_the_keyboard():
+            numbers: dict[Future[Outcome], int] = {
+                pool.submit(_outcome, *job): number for number, job in enumerate(jobs)
+            }
         for future in as_completed(numbers):
             yield numbers[future], future.result()
     except BrokenProcessPool:
@@ -103,6 +104,19 @@ def _at_once(jobs: Jobs, workers: int) -> Outcomes:
         ) from None
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _deaf_to_the_keyboard() -> Iterator[None]:
+    """Processes that start within hear no interrupt before they know what to do with one."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _start() -> None:

@@ -38,6 +38,7 @@ from experiment import (
     ArchiveError,
     Experiment,
     NotApplicableError,
+    PictureError,
     SetupError,
     StratifyError,
     load,
@@ -300,10 +301,14 @@ def measure(
     Example: stratify measure cell.jpg --scale 30x20cm --corners 40,52 1190,60 1240,830 12,815
     """
     view = View.parse(scale, crop, corners, rotate)
+    if not picture.is_file():
+        raise PictureError(f"{str(picture)!r}: no such picture")
     path = path or picture.with_name(f"{picture.stem}.layers.nc")
     drawing = path.with_suffix(".png")
     if picture in (path, drawing):
         raise SetupError(f"output = {path}: it would replace the picture that is measured")
+    if path.suffix != ".nc":
+        raise SetupError(f"output = {path}: it should end in .nc")
     refuse_existing([path, drawing], force=force)
     found = measure_photograph(picture, view, large)
     save(draw_photograph(found), drawing, force=force)

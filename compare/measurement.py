@@ -77,7 +77,12 @@ def measure(archive: xr.Dataset) -> xr.Dataset:
     for name, balance in balanced.items():
         numbers = numbers.assign(_with_error(name, balance, *BALANCES[name]))
     scalars = [name for name in told.data_vars if not told[name].dims]
-    thoughts = (told.attrs.get("comment", ""), unbalanced(balanced["period_residual"]))
+    thoughts = [told.attrs.get("comment", ""), unbalanced(balanced["period_residual"])]
+    thoughts += [
+        f"{name}: {lines.attrs['comment']}"
+        for name, lines in (("kinks", strata.kinks()), ("fronts", strata.fronts()))
+        if "comment" in lines.attrs
+    ]
     comment = "\n".join(filter(None, thoughts))
     return numbers.assign({name: told[name] for name in scalars}).assign_attrs(
         {"comment": comment} if comment else {}

@@ -11,9 +11,10 @@ unsettled where less than THINNEST R0 was laid after the transient, some two cyc
 tell. The two thresholds were read off pours that had been labelled by eye (tests/labelled).
 """
 
+from compare.deposit.zones import LAYERED_SHARE
+
 __all__ = ["LAYERED_REGIMES", "regime"]
 
-LAYERED_SHARE = 1 / 6
 SEGREGATED = 0.5
 THINNEST = 5.0  # R0
 LAYERED_REGIMES = ("stratified", "layered-and-segregated")

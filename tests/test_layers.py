@@ -222,6 +222,46 @@ def test_a_bare_toe_hides_no_layers() -> None:
     assert number(found, "layering") > 0.7
 
 
+@pytest.mark.parametrize("scatter", [0.3, 0.4, 0.5])
+def test_irregular_cycles_give_their_mean_or_say_that_the_estimators_differ(scatter) -> None:
+    """A longer lag that fits by chance is not told as a cycle of several pairs."""
+    wrong = []
+    for seed in range(12):
+        found = layers_of(drawn(renewed(1.2, 1.2 * scatter, seed), noise=0.1, seed=seed))
+        off = abs(number(found, "wavelength") - 1.2) / number(found, "wavelength_error")
+        if off > 4 and "do not agree" not in found.attrs.get("comment", ""):
+            wrong.append(number(found, "wavelength"))
+    assert len(wrong) <= 1, "a deposit of a dozen cycles may repeat itself by chance"
+
+
+def test_two_wavelengths_that_have_no_common_one_are_not_told_as_their_multiple() -> None:
+    found = layers_of(drawn(lambda above, x: above / np.where(x < 50, 1.0, 1.5), thickness=20.0))
+    assert 1.0 <= number(found, "wavelength") <= 1.55
+    assert number(found, "wavelength_upper") == pytest.approx(1.0, rel=0.03)
+    assert number(found, "wavelength_lower") == pytest.approx(1.5, rel=0.03)
+
+
+def test_thin_sublayers_and_coarse_cells_are_remarked() -> None:
+    thin = layers_of(drawn(parallel(1.2), share=0.06))
+    assert "cannot be told" in thin.attrs["comment"]
+    coarse = drawn(parallel(1.2)).isel(z=slice(None, None, 8))
+    assert "cells of the deposit" in layers_of(coarse).attrs["comment"]
+
+
+def test_errors_of_inclination_and_of_what_lies_across_follow_from_the_deposit() -> None:
+    """Layers that fan out are not of one slope: the error grows, and that across with it."""
+    straight = layers_of(drawn(parallel(1.2), noise=0.2))
+    fanned = layers_of(drawn(lambda above, x: (above + 0.0008 * (x - 50) ** 2) / 1.2, noise=0.2))
+    assert number(straight, "inclination_error") < 0.004
+    assert 0.005 < number(fanned, "inclination_error") < 0.05
+    for found in (straight, fanned):
+        slope = number(found, "inclination")
+        along = number(found, "wavelength_error") / np.hypot(1, slope)
+        turned = number(found, "wavelength") * slope / np.hypot(1, slope) ** 3
+        expected = np.hypot(along, turned * number(found, "inclination_error"))
+        assert number(found, "wavelength_normal_error") == pytest.approx(expected)
+
+
 def test_errors_are_those_of_cycles_that_scatter() -> None:
     """Over 40 deposits of cycles 1 +- 0.15 cm, deviations over errors are of order one."""
     pulls, count_pulls = [], []

@@ -75,11 +75,11 @@ def agree(found: xr.Dataset, archive: xr.Dataset, within: float) -> None:
     if archive["pairs_a_cycle"].item() == 1:  # two unlike pairs blur into one
         for name in ("thickness_small", "thickness_large", "wavelength_counted"):
             assert found[name].item() == pytest.approx(archive[name].item(), rel=0.25), name
-    assert found["inclination"].item() == pytest.approx(archive["inclination"].item(), abs=0.05)
+    assert found["inclination"].item() == pytest.approx(archive["inclination"].item(), abs=0.06)
     assert found["layering"].item() == pytest.approx(archive["layering"].item(), rel=0.3)
 
 
-@pytest.mark.parametrize("name", ["sugar", "makse, continuum"])
+@pytest.mark.parametrize("name", ["sugar", "makse"])
 @pytest.mark.parametrize(
     ("colours", "air", "large"),
     [
@@ -290,6 +290,20 @@ def test_a_part_that_the_picture_has_not_is_refused(view, error, refusal) -> Non
     grey = 0.5 + 0.02 * np.random.default_rng(1).standard_normal((100, 200, 3))
     with pytest.raises(error, match=refusal):
         see(grey, view)
+
+
+@pytest.mark.parametrize("level", [0.0, 0.4])
+def test_a_picture_of_one_colour_is_refused(level: float) -> None:
+    with pytest.raises(PictureError, match="one colour only"):
+        see(np.full((200, 200, 3), level), View(30.0))
+
+
+def test_random_pixels_have_no_layers(tmp_path: Path) -> None:
+    noise = np.random.default_rng(1).integers(0, 256, (200, 300, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(tmp_path / "noise.png")
+    found = measure_photograph(tmp_path / "noise.png", View(30.0))
+    assert np.isnan(found["wavelength"])
+    assert found["layered_share"] < 0.1
 
 
 def test_a_colour_that_is_none_is_refused_and_one_as_bright_is_a_guess(deposit) -> None:

@@ -56,6 +56,25 @@ def test_no_clear_picture_lies_close_to_a_threshold(judged: Runs) -> None:
         assert not between, name
 
 
+def test_thresholds_read_off_one_half_of_the_set_hold_in_the_other(judged: Runs) -> None:
+    """The middle of the gap between the words, over 50 random halves: 98 % are right."""
+    random = np.random.default_rng(0)
+    runs = np.array(certain(judged), dtype=object)
+    right = []
+    for _ in range(50):
+        shuffled = random.permutation(runs)
+        known, others = shuffled[::2], shuffled[1::2]
+        for name, words in (
+            ("layered_share", ("stratified", "layered-and-segregated")),
+            ("segregation", ("segregated", "layered-and-segregated")),
+        ):
+            inside = [number(run, name) for run in known if run["label"] in words]
+            outside = [number(run, name) for run in known if run["label"] not in words]
+            threshold = (min(inside) + max(outside)) / 2
+            right += [(number(run, name) > threshold) == (run["label"] in words) for run in others]
+    assert np.mean(right) > 0.98
+
+
 def test_the_numbers_stand_beside_the_word(judged: Runs) -> None:
     for run in judged:
         for name in ("layering", "layered_share", "segregation", "pure_share"):

@@ -5,9 +5,11 @@ apart it has risen by the lag at which both, together with the columns beside th
 
     X(lag) = sum_z c'(x, z) c'(x + n dx, z + lag),
 
-sought within half a wavelength of what is expected: at first, for neighbours, of what the surface
-does, for layers are laid on surfaces; then, for n twice as large each time, of what was found, up
-to a wavelength apart, for over the width of a column of grains no layer rises. The inclination is
+sought within a quarter of a wavelength, for a cycle may lay two pairs, of what is expected. That is
+what the surface does, for layers are laid on surfaces, or what is found for neighbours first and
+then for n twice as large each time, for a picture may be cut out of a deposit. Columns from two
+thirds of a wavelength to a wavelength apart are tried, for over the width of a column of grains no
+layer rises; the greatest likeness counts. The inclination is
 -rise / dx: a slope, downhill positive, as all slopes here.
 """
 
@@ -44,6 +46,9 @@ def _surface_slope(coarse: Floats, floor: NDArray[np.intp]) -> float:
     return float(-scipy.stats.theilslopes(top, there).slope)
 
 
+TRIED = 12  # distances
+
+
 def rises(coarse: Floats, floor: NDArray[np.intp], lag: float, farthest: int, width: int) -> Floats:
     """By how many cells layers `lag` thick rise from each column to the next, (x - 1,).
 
@@ -51,20 +56,26 @@ def rises(coarse: Floats, floor: NDArray[np.intp], lag: float, farthest: int, wi
     taken together, at most `farthest` columns apart.
     """
     columns = coarse.shape[1]
-    slope = _surface_slope(coarse, floor)
-    if not np.isfinite(slope):
+    surface = _surface_slope(coarse, floor)
+    if not np.isfinite(surface):
         return np.zeros(columns - 1)
     farthest = max(1, min(farthest, columns // 4))
-    apart = 1
-    while True:
+
+    def follow(slope: float, apart: int, reach: float) -> tuple[Floats, Floats]:
         fallen = floor[:-apart] - floor[apart:]
         near = round(-slope * apart) + fallen
-        shift, likeness = _shifts(coarse, near, lag / 2, width, apart)
-        rise = (shift - fallen) / apart
-        if apart == farthest:
-            break
-        slope = -_weighted_median(rise, likeness)
+        shift, likeness = _shifts(coarse, near, reach, width, apart)
+        return (shift - fallen) / apart, likeness
+
+    stepwise, apart = surface, 1
+    while apart < farthest:
+        stepwise = -_weighted_median(*follow(stepwise, apart, lag / 2))
         apart = min(2 * apart, farthest)
+    aparts = np.unique(np.linspace(max(1, 2 * farthest // 3), farthest, TRIED).astype(int)).tolist()
+    found = [
+        (*follow(slope, apart, lag / 4), apart) for apart in aparts for slope in (surface, stepwise)
+    ]
+    rise, _, apart = max(found, key=lambda one: float(one[1].mean()))
     middles = np.arange(columns - apart) + (apart - 1) / 2
     return np.interp(np.arange(columns - 1), middles, rise)
 

@@ -14,7 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from compare.deposit.counting import Counted, count_layers, count_pairs
-from compare.deposit.dual import plateaus
+from compare.deposit.dual import Plateaus, plateaus
 from compare.deposit.inclination import along_layers, rises, settle
 from compare.deposit.order import (
     FEWEST,
@@ -25,16 +25,21 @@ from compare.deposit.order import (
     together,
 )
 from compare.deposit.profiles import settled_coarseness
-from compare.deposit.spectrum import correlate
-from compare.deposit.zones import zones
+from compare.deposit.spectrum import Correlation, Repeat, correlate
+from compare.deposit.zones import LAYERED_SHARE, zones
 from compare.quantities import measured_columns, quantity
 from experiment.arrays import Floats
 
 __all__ = ["layers", "layers_of"]
 
 AGREE = 0.1
+COARSE = 4  # cells a wavelength, below which it is remarked
+IRREGULAR = 0.3  # of the wavelength
 SMOOTHED = 10  # this part of a wavelength is averaged before layers are counted
 THINNEST = 4  # mean grain diameters, a pair of layers
+UNLIKE = 0.6  # regularity, at which pairs that are unlike make one cycle
+CYCLES = 3
+STEPS = ("wavelength_upper", "wavelength_lower", "wavelength_step_x")
 CLEAR = 0.5  # of the mean strength, in columns that are looked at further
 
 SCALARS = {
@@ -103,7 +108,8 @@ def layers_of(
     chosen = np.ones(len(x), bool) if measured is None else measured
     dz, dx = _spacing(coarse["z"].values), _spacing(x)
     correlation = correlate(values)
-    repeat = correlation.pooled(chosen).repeat(THINNEST * grain / dz)
+    pooled = correlation.pooled(chosen)
+    repeat = pooled.repeat(THINNEST * grain / dz)
     local = repeats(correlation, repeat)
     found = {"layering": repeat.strength}
     coherent: Floats = np.zeros(len(x))
@@ -116,11 +122,20 @@ def layers_of(
         profiles = _smooth(profiles, repeat.lag / SMOOTHED)
         regular = regularity(profiles, repeat)
         inclined = _middle(-rise[layered[:-1] & layered[1:]] * dz / dx)
-        found |= _numbers(repeat.lag, profiles, layered, inclined, coarse)
+        columns = [count_pairs(column[np.isfinite(column)]) for column in profiles.T]
+        counted = count_layers([columns[i] for i in np.flatnonzero(layered)])
+        at = np.array([one.pair.mean() if len(one.pair) else np.nan for one in columns])
+        steps = plateaus(np.where(layered, at, np.nan) * dz, x)
+        lag, pairs = _cycle(pooled, repeat, counted, regular[layered], steps)
+        found |= _wavelengths(lag * dz, pairs, counted, dz, inclined)
+        found |= dict(zip(STEPS, steps, strict=True))
         found |= _drift(x[layered], local.lag[layered] * dz)
     mean = column_mean(values)
-    found |= zones(x, mean, local.strength, coherent, regular)
-    comment = _second_thoughts(found)
+    shares = zones(x, mean, local.strength, coherent, regular)
+    if shares["layered_share"] < LAYERED_SHARE:
+        found = {"layering": repeat.strength}
+    comment = _second_thoughts(found, dz)
+    found |= shares
     in_place = (local.lag * dz, local.strength, coherent, regular, mean)
     return xr.Dataset(
         {name: quantity(found.get(name, np.nan), *told) for name, told in SCALARS.items()}
@@ -133,28 +148,29 @@ def layers_of(
     )
 
 
-def _numbers(
-    lag: float,
-    profiles: Floats,
-    layered: NDArray[np.bool_],
-    inclined: tuple[float, float],
-    coarse: xr.DataArray,
-) -> dict[str, float]:
-    """What counting adds to the wavelength by spectrum, `lag` cells of the deposit `coarse`."""
-    dz = _spacing(coarse["z"].values)
-    columns = [count_pairs(column[np.isfinite(column)]) for column in profiles.T]
-    counted = count_layers([columns[i] for i in np.flatnonzero(layered)])
-    pairs = np.array([one.pair.mean() if len(one.pair) else np.nan for one in columns])
-    names = ("wavelength_upper", "wavelength_lower", "wavelength_step_x")
-    steps = plateaus(np.where(layered, pairs, np.nan) * dz, coarse["x"].values)
-    return _wavelengths(lag * dz, counted, dz, inclined) | dict(zip(names, steps, strict=True))
+def _cycle(
+    pooled: Correlation, repeat: Repeat, counted: Counted, regular: Floats, steps: Plateaus
+) -> tuple[float, float]:
+    """The wavelength by spectrum, in cells, and the whole number of pairs that a cycle lays.
+
+    More than one pair only where the pattern repeats after several in good order (UNLIKE), and
+    did so at least CYCLES times: of irregular layers the longer lag is chance, and where two
+    wavelengths share the slope it is a multiple of both. Else the wavelength is at the peak nearest
+    to the pair that was counted.
+    """
+    pairs = max(1.0, float(np.round(repeat.lag / counted.pair)))
+    seen_often = counted.number >= CYCLES * pairs
+    in_order = np.isnan(steps.x) and np.median(regular) >= UNLIKE
+    if pairs > 1 and not (seen_often and in_order):
+        near = pooled.repeat_near(counted.pair, 0).lag
+        return (near if np.isfinite(near) else repeat.lag), 1.0
+    return repeat.lag, pairs
 
 
 def _wavelengths(
-    wavelength: float, counted: Counted, dz: float, inclined: tuple[float, float]
+    wavelength: float, pairs: float, counted: Counted, dz: float, inclined: tuple[float, float]
 ) -> dict[str, float]:
     """Wavelength and sublayers by both estimators, with errors; along and across the layers."""
-    pairs = max(1.0, float(np.round(wavelength / (counted.pair * dz))))
     by_count = counted.pair * pairs * dz
     count_error = np.hypot(counted.pair_error * pairs, pairs / max(counted.number, 1.0)) * dz
     error = float(np.hypot(count_error, (wavelength - by_count) / 2))
@@ -202,8 +218,8 @@ def _drift(x: Floats, wavelength: Floats) -> dict[str, float]:
     }
 
 
-def _second_thoughts(found: dict[str, float]) -> str:
-    """What should be looked at twice, a line each."""
+def _second_thoughts(found: dict[str, float], dz: float) -> str:
+    """What should be looked at twice in a deposit of cells `dz` high, a line each."""
     if "wavelength" not in found:
         return ""
     wavelength, counted = found["wavelength"], found["wavelength_counted"]
@@ -213,6 +229,12 @@ def _second_thoughts(found: dict[str, float]) -> str:
         lines.append(f"{spectrum}: but no layers can be counted")
     elif abs(wavelength - counted) > max(AGREE * wavelength, 2 * found["wavelength_counted_error"]):
         lines.append(f"{spectrum}, and by counting, {counted:.3g} cm, do not agree")
+    if wavelength < COARSE * dz:
+        lines.append(f"{spectrum}, is only {wavelength / dz:.1f} cells of the deposit")
+    if min(found["thickness_small"], found["thickness_large"]) < 2 * wavelength / SMOOTHED:
+        lines.append(f"sublayers of less than {2 * wavelength / SMOOTHED:.2g} cm cannot be told")
+    if found["wavelength_spread"] > IRREGULAR * counted:
+        lines.append(f"cycles are irregular, by {found['wavelength_spread'] / counted:.0%}")
     if np.isfinite(found["wavelength_step_x"]):
         lines.append(
             f"two wavelengths: {found['wavelength_upper']:.3g} cm above and "

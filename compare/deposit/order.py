@@ -16,7 +16,7 @@ from experiment.arrays import Floats
 __all__ = ["FEWEST", "coherence", "column_mean", "regularity", "repeats", "together"]
 
 TOGETHER = 20  # this part of the columns is looked at together, where one alone is noise
-FEWEST = 5  # columns of it
+FEWEST, MOST = 5, 41  # columns of it
 LEAST_VARIANCE = 1e-6  # of coarseness, below which nothing varies
 
 
@@ -29,7 +29,7 @@ class Repeats(NamedTuple):
 
 def together(columns: int) -> int:
     """How many of the columns are looked at together, an odd number."""
-    return max(FEWEST, columns // TOGETHER) | 1
+    return min(max(FEWEST, columns // TOGETHER), MOST) | 1
 
 
 def repeats(correlation: Correlation, repeat: Repeat) -> Repeats:

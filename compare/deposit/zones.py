@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 from experiment.arrays import Floats
 
-__all__ = ["zones"]
+__all__ = ["LAYERED_SHARE", "zones"]
 
 PURE = 0.1
 FAINTEST = 0.1
 COHERENT = 0.4
 REGULAR = 0.45
+LAYERED_SHARE = 1 / 6  # of the slope, from which on a deposit counts as layered
 DIGITS = 9  # of edges in cm, that the pouring point be at 0
 
 

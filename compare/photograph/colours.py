@@ -107,9 +107,13 @@ def _by_turns(
     seeds = None
     for _ in range(TURNS):
         even = lab(colours, places @ slopes)
-        seeds, kind = scipy.cluster.vq.kmeans2(
-            even, _two_seeds(even) if seeds is None else seeds, iter=2, minit="matrix"
-        )
+        seeds = _two_seeds(even) if seeds is None else seeds
+        try:
+            seeds, kind = scipy.cluster.vq.kmeans2(
+                even, seeds, iter=2, minit="matrix", missing="raise"
+            )
+        except scipy.cluster.vq.ClusterError:
+            raise PictureError("the deposit shows one colour only; allowed: two") from None
         known = np.column_stack([places, kind == 0, kind == 1])
         slopes = np.linalg.lstsq(known, luminance, rcond=None)[0][: places.shape[1]]
     even = lab(colours, places @ slopes)
