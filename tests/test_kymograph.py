@@ -67,6 +67,17 @@ def test_few_grains_make_no_difference() -> None:
         check(archive_of(wedges(3.0, 2.0), noise=grains - clean, times=time), 3.0, 2.0, (6, 7))
 
 
+@pytest.mark.parametrize("missing", [0.01, 0.05])
+def test_a_grain_missing_here_and_there_is_no_rest_however_dense_the_records(
+    missing: float,
+) -> None:
+    """Records as dense as steps of the grains from column to column, and single empty columns."""
+    time = records_of(1.0 / DRIFT)
+    clean = wedges(3.0, 2.5)(time[:, None], np.arange(COLUMNS) + 0.5)
+    empty = np.random.default_rng(7).random(clean.shape) < missing
+    check(archive_of(wedges(3.0, 2.5), noise=-clean * empty, times=time), 3.0, 2.5, WHOLE_CYCLES)
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.2])
 def test_errors_are_honest(noise: float) -> None:
     """Deviations over their errors have an rms near 1; more sparing is only where nothing errs."""

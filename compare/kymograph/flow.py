@@ -29,6 +29,7 @@ FALSE_ALARM = 1e-5  # p
 LEAST_ALARM = 0.1  # R0 times a record: h where there is no noise
 WIDEST = 0.15  # of the slope, over which R may be averaged
 NARROW = 0.25  # of a stretch along x
+FINEST = 0.02  # of the slope, over which R is averaged, so that one missing grain is no rest
 
 
 class Crossings(NamedTuple):
@@ -45,7 +46,8 @@ def quieten(flow: Floats, rolled: float) -> tuple[Floats, int, float]:
 
     Over no more columns than it takes for noise not to hide flow or rest of a single record, or
     over as many as grains roll between records, `rolled`, which smooths the steps that sharp lines
-    make there; but at most over WIDEST, or NARROW of a usual stretch of flow or rest.
+    make there; at least over FINEST, but at most over WIDEST, or NARROW of a usual stretch of flow
+    or rest.
     """
     widest = max(1.0, WIDEST * flow.shape[1])
     rolling = _averaged(flow, widest) > ON
@@ -56,7 +58,7 @@ def quieten(flow: Floats, rolled: float) -> tuple[Floats, int, float]:
         noise = noise_of(smooth, rolling)
     switches = np.count_nonzero(np.diff(alarms(smooth, noise), axis=1))
     stretch = flow.size / max(1, int(switches))
-    wanted = min(rolled, widest, NARROW * stretch)
+    wanted = max(min(rolled, widest, NARROW * stretch), FINEST * flow.shape[1])
     if wanted > columns:
         columns, smooth = wanted, _averaged(flow, wanted)
         noise = noise_of(smooth, rolling)
