@@ -188,11 +188,21 @@ def test_coarse_records_lose_no_kink_and_no_velocity_is_told_that_they_do_not_te
 
 @pytest.mark.parametrize("interval", [105.0, 52.0, 97.0])
 def test_cycles_between_records_are_not_taken_for_slow_ones(interval: float) -> None:
-    """The pile grows where no record shows a flow: then no velocity is told."""
+    """The pile grows where no record shows a flow: then neither velocity nor period is told."""
     time = np.arange(0.0, 400 * interval, interval)
     for lines in kinks_and_fronts(archive_of(wedges(4.0, 3.0), times=time)):
         assert np.isnan(mean_velocity(lines)[0])
+        assert np.isnan(cycle_period(lines)).all()
         assert "seem slower" in lines.attrs["comment"]
+
+
+@pytest.mark.parametrize(("interval", "few"), [(8.0, False), (11.0, True), (18.0, True)])
+def test_lines_may_be_missed_where_the_shortest_cycle_has_few_records(
+    interval: float, few: bool
+) -> None:
+    """Grains roll down in 20 s; 11 s are nine records in the cycle that is found, yet too few."""
+    for lines in kinks_and_fronts(archive_of(wedges(4.0, 3.0), times=records_of(interval))):
+        assert ("may be missed" in lines.attrs["comment"]) == few
 
 
 @pytest.mark.parametrize("noise", [0.02, 0.05, 0.1, 0.2])

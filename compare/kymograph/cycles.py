@@ -13,12 +13,12 @@ EFFICIENCY = np.sqrt(np.pi / 2)  # standard error of a median, over that of a me
 def cycle_period(lines: xr.Dataset) -> tuple[float, float]:
     """T [s] between successive lines, and its standard error; NaN for fewer than two of them.
 
-    The median over measured columns and cycles, so that a line that was missed, or that does not
-    go all the way, does not count where it was not seen.
+    NaN, too, where the records are aliased. The median over measured columns and cycles, so that a
+    line that was missed, or that does not go all the way, does not count where it was not seen.
     """
     passage = lines["passage"].values[:, lines["measured"].values]
     between = intervals(passage)
-    if not len(between):
+    if not len(between) or lines.attrs["aliased"]:
         return np.nan, np.nan
     cycles = len(between) / passage.shape[1]
     _, error = median_and_error(between, np.full(len(between), lines.attrs["sampling_s"]))

@@ -28,14 +28,20 @@ class Sampling(NamedTuple):
     hidden: float  # share of the growth of the pile that no record shows, hidden_growth
 
     @property
-    def aliased(self) -> bool:
-        """Whether a whole cycle might pass between two records and show as a slower one.
+    def sparse(self) -> bool:
+        """Whether a cycle might be so short that two records do not tell its flow from its rest.
 
-        A cycle lasts longer than the grains' way down the slope, L / v. Where records are farther
-        apart than half of that, the pile tells, which grows only where grains roll.
+        All that is known before is that it lasts longer than the grains' way down the slope, L / v.
         """
-        possible = 2.0 * self.interval > self.length / self.drift
-        return possible and self.hidden > HIDDEN
+        return 2.0 * self.interval > self.length / self.drift
+
+    @property
+    def aliased(self) -> bool:
+        """Whether whole cycles pass between two records and show as a slower one.
+
+        Where records are sparse, the pile tells, which grows only where grains roll.
+        """
+        return self.sparse and self.hidden > HIDDEN
 
     @property
     def least(self) -> float:
@@ -71,10 +77,14 @@ class Sampling(NamedTuple):
         if self.aliased:
             remarks.append(
                 f"the pile grows where no record shows a flow: with records every "
-                f"{self.interval:.3g} s cycles seem slower than they are, so no velocities are told"
+                f"{self.interval:.3g} s cycles seem slower than they are, so neither "
+                f"velocities nor periods are told"
             )
-        elif per_cycle < FEW:
-            remarks.append(f"{per_cycle:.2g} records a cycle: lines may be missed")
+        elif self.sparse or per_cycle < FEW:
+            remarks.append(
+                f"records every {self.interval:.3g} s are few in a cycle, which may be as short as "
+                f"{self.length / self.drift:.3g} s: lines may be missed"
+            )
         unresolved = int((~np.isfinite(velocity)).sum())
         if unresolved and not self.aliased:
             remarks.append(
@@ -90,6 +100,7 @@ class Sampling(NamedTuple):
             "shortest_period_s": 2.0 * self.interval,
             "columns_averaged": self.smoothed,
             "noise": self.noise,
+            "aliased": int(self.aliased),
         }
         return told | ({"comment": "; ".join(remarks)} if remarks else {})
 
