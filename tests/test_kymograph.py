@@ -8,7 +8,7 @@ import xarray as xr
 from synthetic import COLUMNS, DRIFT, LENGTH, PERIOD, archive_of, calm, wedges
 
 from compare import cycle_period, fronts, kinks
-from compare.kymograph import kinks_and_fronts, mean_velocity
+from compare.kymograph import kinks_and_fronts, mean_velocity, median_and_error
 from compare.kymograph.fit import fit
 from compare.kymograph.flow import Crossings, alarms, crossings, quieten
 from compare.kymograph.link import link
@@ -330,3 +330,31 @@ def test_the_alarm_rises_with_the_noise(level: float) -> None:
     assert (told[1:] != told[:1]).any(axis=0).sum() <= 2
     deaf = alarms(flow, 0.0)[20:]
     assert (deaf[1:] != deaf[:1]).any(axis=0).sum() > 20
+
+
+@pytest.mark.parametrize("own", [1e-3, 1.0])
+@pytest.mark.parametrize("n", [2, 3, 4, 6, 9, 10, 20])
+def test_the_error_of_a_median_of_few_is_honest(n: int, own: float) -> None:
+    """Of 4000 samples about two thirds lie within it, whether or not they know their own errors."""
+    draw = np.random.default_rng(n).standard_normal
+    told = [median_and_error(draw(n), np.full(n, own), np.ones(n)) for _ in range(4000)]
+    within = np.mean([abs(middle) < error for middle, error in told])
+    assert 0.6 < within < (0.77 if own < 1.0 else 0.9)
+
+
+def test_one_value_has_its_own_error_and_none_has_none() -> None:
+    assert median_and_error(np.array([2.0]), np.array([0.1]), np.ones(1)) == (2.0, 0.1)
+    assert np.isnan(median_and_error(np.zeros(0), np.zeros(0), np.zeros(0))).all()
+
+
+def test_short_lines_count_little_in_the_velocity() -> None:
+    """Three kinks on the whole slope, and five on a tenth of it that are faster."""
+    lines = kinks(archive_of(wedges(4.0, 2.0)))
+    assert lines.sizes["event"] >= 6
+    speed = np.full(lines.sizes["event"], -5.0)
+    speed[:3] = -2.0
+    seen = (speed == -2.0)[:, None] | (abs(lines["x"].values - 50.0) < 5.0)
+    uneven = lines.assign(velocity=("event", speed))
+    short = uneven.assign(passage=lines["passage"].where(xr.DataArray(seen, dims=("event", "x"))))
+    assert mean_velocity(short)[0] == pytest.approx(-2.0)
+    assert mean_velocity(uneven)[0] < -3.0

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compare.kymograph.cycles import intervals
+from compare.kymograph.cycles import intervals, median
 from experiment.arrays import Floats
 
 __all__ = ["Sampling", "hidden_growth"]
@@ -70,9 +70,7 @@ class Sampling(NamedTuple):
 
     def attributes(self, passage: Floats, velocity: Floats, error: Floats) -> dict[str, Any]:
         """Attributes of a Dataset of lines with `passage` (line, x) in the measured columns."""
-        between = intervals(passage)
-        period = float(np.median(between)) if len(between) else np.nan
-        per_cycle = period / self.interval
+        per_cycle = median(*intervals(passage)) / self.interval
         remarks = []
         if self.aliased:
             remarks.append(
