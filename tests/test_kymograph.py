@@ -67,7 +67,7 @@ def test_few_grains_make_no_difference() -> None:
         check(archive_of(wedges(3.0, 2.0), noise=grains - clean, times=time), 3.0, 2.0, (6, 7))
 
 
-@pytest.mark.parametrize("missing", [0.01, 0.05])
+@pytest.mark.parametrize("missing", [0.01, 0.05, 0.1])
 def test_a_grain_missing_here_and_there_is_no_rest_however_dense_the_records(
     missing: float,
 ) -> None:
@@ -76,6 +76,21 @@ def test_a_grain_missing_here_and_there_is_no_rest_however_dense_the_records(
     clean = wedges(3.0, 2.5)(time[:, None], np.arange(COLUMNS) + 0.5)
     empty = np.random.default_rng(7).random(clean.shape) < missing
     check(archive_of(wedges(3.0, 2.5), noise=-clean * empty, times=time), 3.0, 2.5, WHOLE_CYCLES)
+
+
+@pytest.mark.parametrize("interval", [0.2, 0.5, 2.0])
+def test_a_kink_that_halts_is_one_kink_however_dense_the_records(interval: float) -> None:
+    """It stays for 6 s at the middle of the slope."""
+
+    def rolling(time: np.ndarray, x: np.ndarray) -> np.ndarray:
+        phase = time % PERIOD
+        stops = LENGTH / 4.0 + (LENGTH - x) / 3.0 + 6.0 * (x < LENGTH / 2)
+        return 1.0 * ((phase > x / 4.0) & (phase < stops))
+
+    up, down = kinks_and_fronts(archive_of(rolling, times=records_of(interval)))
+    assert up.sizes["event"] in WHOLE_CYCLES
+    assert down.sizes["event"] in WHOLE_CYCLES
+    assert (up["end_x"] < 0.1 * LENGTH).all()
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.2])

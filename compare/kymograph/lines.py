@@ -70,7 +70,7 @@ def kinks_and_fronts(archive: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
     flow = slope.thickness.sum(axis=-1) / slope.inflow
     rolled = min(drift * interval, slope.length) / width
     flow, smoothed, noise = quieten(flow, rolled)
-    rolling = alarms(flow, noise)
+    rolling = alarms(flow, noise, rolled)
     hidden = hidden_growth(slope.height, rolling)
     records = Sampling(interval, drift, slope.length, width, smoothed, noise, hidden)
     stops, starts = crossings(slope.time, flow, rolling)
