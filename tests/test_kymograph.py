@@ -318,6 +318,25 @@ def test_noise_is_measured_in_the_flow_and_averaged_only_as_far_as_it_has_to_be(
     assert quieten(np.ones((50, 50)), 1.0)[1:] == (1, 0.0)
 
 
+def test_kinks_without_fronts_are_remarked_and_sound_lines_are_not() -> None:
+    """Flow that sets in everywhere at once has no front."""
+
+    def at_once(time: np.ndarray, x: np.ndarray) -> np.ndarray:
+        return 1.0 * (time % PERIOD < LENGTH / 4.0 + (LENGTH - x) / 3.0)
+
+    for lines in kinks_and_fronts(archive_of(at_once)):
+        assert "7 kinks and 0 fronts" in lines.attrs["comment"]
+    for lines in kinks_and_fronts(archive_of(wedges(4.0, 3.0), times=records_of(0.5))):
+        assert "comment" not in lines.attrs
+
+
+@pytest.mark.parametrize(("noise", "remarked"), [(0.2, False), (2.0, True)])
+def test_noise_that_is_left_is_remarked(noise: float, remarked: bool) -> None:
+    lines = kinks(archive_of(wedges(4.0, 3.0), noise=noise))
+    assert (lines.attrs["noise"] > 0.25) == remarked
+    assert ("still has a noise" in lines.attrs.get("comment", "")) == remarked
+
+
 def test_lines_that_cross_a_gap_are_linked_and_crossing_lines_are_not_mixed() -> None:
     column = np.tile(np.arange(20), 2)
     time = np.concatenate([np.arange(20) * 1.0, 30.0 + np.arange(20) * 1.0])
