@@ -8,7 +8,7 @@ import xarray as xr
 from synthetic import COLUMNS, DRIFT, LENGTH, PERIOD, archive_of, calm, wedges
 
 from compare import cycle_period, fronts, kinks
-from compare.kymograph import kinks_and_fronts, mean_velocity
+from compare.kymograph import kinks_and_fronts, mean_velocity, median_and_error
 from compare.kymograph.fit import fit
 from compare.kymograph.flow import Crossings, alarms, crossings, quieten
 from compare.kymograph.link import link
@@ -65,6 +65,32 @@ def test_few_grains_make_no_difference() -> None:
         clean = wedges(3.0, 2.0)(time[:, None], np.arange(COLUMNS) + 0.5)
         grains = np.random.default_rng(seed).poisson(3.0 * clean) / 3.0
         check(archive_of(wedges(3.0, 2.0), noise=grains - clean, times=time), 3.0, 2.0, (6, 7))
+
+
+@pytest.mark.parametrize("missing", [0.01, 0.05, 0.1])
+def test_a_grain_missing_here_and_there_is_no_rest_however_dense_the_records(
+    missing: float,
+) -> None:
+    """Records as dense as steps of the grains from column to column, and single empty columns."""
+    time = records_of(1.0 / DRIFT)
+    clean = wedges(3.0, 2.5)(time[:, None], np.arange(COLUMNS) + 0.5)
+    empty = np.random.default_rng(7).random(clean.shape) < missing
+    check(archive_of(wedges(3.0, 2.5), noise=-clean * empty, times=time), 3.0, 2.5, WHOLE_CYCLES)
+
+
+@pytest.mark.parametrize("interval", [0.2, 0.5, 2.0])
+def test_a_kink_that_halts_is_one_kink_however_dense_the_records(interval: float) -> None:
+    """It stays for 6 s at the middle of the slope."""
+
+    def rolling(time: np.ndarray, x: np.ndarray) -> np.ndarray:
+        phase = time % PERIOD
+        stops = LENGTH / 4.0 + (LENGTH - x) / 3.0 + 6.0 * (x < LENGTH / 2)
+        return 1.0 * ((phase > x / 4.0) & (phase < stops))
+
+    up, down = kinks_and_fronts(archive_of(rolling, times=records_of(interval)))
+    assert up.sizes["event"] in WHOLE_CYCLES
+    assert down.sizes["event"] in WHOLE_CYCLES
+    assert (up["end_x"] < 0.1 * LENGTH).all()
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.2])
@@ -177,11 +203,21 @@ def test_coarse_records_lose_no_kink_and_no_velocity_is_told_that_they_do_not_te
 
 @pytest.mark.parametrize("interval", [105.0, 52.0, 97.0])
 def test_cycles_between_records_are_not_taken_for_slow_ones(interval: float) -> None:
-    """The pile grows where no record shows a flow: then no velocity is told."""
+    """The pile grows where no record shows a flow: then neither velocity nor period is told."""
     time = np.arange(0.0, 400 * interval, interval)
     for lines in kinks_and_fronts(archive_of(wedges(4.0, 3.0), times=time)):
         assert np.isnan(mean_velocity(lines)[0])
+        assert np.isnan(cycle_period(lines)).all()
         assert "seem slower" in lines.attrs["comment"]
+
+
+@pytest.mark.parametrize(("interval", "few"), [(8.0, False), (11.0, True), (18.0, True)])
+def test_lines_may_be_missed_where_the_shortest_cycle_has_few_records(
+    interval: float, few: bool
+) -> None:
+    """Grains roll down in 20 s; 11 s are nine records in the cycle that is found, yet too few."""
+    for lines in kinks_and_fronts(archive_of(wedges(4.0, 3.0), times=records_of(interval))):
+        assert ("may be missed" in lines.attrs["comment"]) == few
 
 
 @pytest.mark.parametrize("noise", [0.02, 0.05, 0.1, 0.2])
@@ -282,6 +318,25 @@ def test_noise_is_measured_in_the_flow_and_averaged_only_as_far_as_it_has_to_be(
     assert quieten(np.ones((50, 50)), 1.0)[1:] == (1, 0.0)
 
 
+def test_kinks_without_fronts_are_remarked_and_sound_lines_are_not() -> None:
+    """Flow that sets in everywhere at once has no front."""
+
+    def at_once(time: np.ndarray, x: np.ndarray) -> np.ndarray:
+        return 1.0 * (time % PERIOD < LENGTH / 4.0 + (LENGTH - x) / 3.0)
+
+    for lines in kinks_and_fronts(archive_of(at_once)):
+        assert "7 kinks and 0 fronts" in lines.attrs["comment"]
+    for lines in kinks_and_fronts(archive_of(wedges(4.0, 3.0), times=records_of(0.5))):
+        assert "comment" not in lines.attrs
+
+
+@pytest.mark.parametrize(("noise", "remarked"), [(0.2, False), (2.0, True)])
+def test_noise_that_is_left_is_remarked(noise: float, remarked: bool) -> None:
+    lines = kinks(archive_of(wedges(4.0, 3.0), noise=noise))
+    assert (lines.attrs["noise"] > 0.25) == remarked
+    assert ("still has a noise" in lines.attrs.get("comment", "")) == remarked
+
+
 def test_lines_that_cross_a_gap_are_linked_and_crossing_lines_are_not_mixed() -> None:
     column = np.tile(np.arange(20), 2)
     time = np.concatenate([np.arange(20) * 1.0, 30.0 + np.arange(20) * 1.0])
@@ -309,3 +364,31 @@ def test_the_alarm_rises_with_the_noise(level: float) -> None:
     assert (told[1:] != told[:1]).any(axis=0).sum() <= 2
     deaf = alarms(flow, 0.0)[20:]
     assert (deaf[1:] != deaf[:1]).any(axis=0).sum() > 20
+
+
+@pytest.mark.parametrize("own", [1e-3, 1.0])
+@pytest.mark.parametrize("n", [2, 3, 4, 6, 9, 10, 20])
+def test_the_error_of_a_median_of_few_is_honest(n: int, own: float) -> None:
+    """Of 4000 samples about two thirds lie within it, whether or not they know their own errors."""
+    draw = np.random.default_rng(n).standard_normal
+    told = [median_and_error(draw(n), np.full(n, own), np.ones(n)) for _ in range(4000)]
+    within = np.mean([abs(middle) < error for middle, error in told])
+    assert 0.6 < within < (0.77 if own < 1.0 else 0.9)
+
+
+def test_one_value_has_its_own_error_and_none_has_none() -> None:
+    assert median_and_error(np.array([2.0]), np.array([0.1]), np.ones(1)) == (2.0, 0.1)
+    assert np.isnan(median_and_error(np.zeros(0), np.zeros(0), np.zeros(0))).all()
+
+
+def test_short_lines_count_little_in_the_velocity() -> None:
+    """Three kinks on the whole slope, and five on a tenth of it that are faster."""
+    lines = kinks(archive_of(wedges(4.0, 2.0)))
+    assert lines.sizes["event"] >= 6
+    speed = np.full(lines.sizes["event"], -5.0)
+    speed[:3] = -2.0
+    seen = (speed == -2.0)[:, None] | (abs(lines["x"].values - 50.0) < 5.0)
+    uneven = lines.assign(velocity=("event", speed))
+    short = uneven.assign(passage=lines["passage"].where(xr.DataArray(seen, dims=("event", "x"))))
+    assert mean_velocity(short)[0] == pytest.approx(-2.0)
+    assert mean_velocity(uneven)[0] < -3.0

@@ -1,56 +1,78 @@
 """What lines have in common: the time between them, and their velocity."""
 
 import numpy as np
+import scipy
 import xarray as xr
 
 from experiment.arrays import Floats
 
-__all__ = ["cycle_period", "intervals", "mean_velocity", "median_and_error"]
+__all__ = ["cycle_period", "intervals", "mean_velocity", "median", "median_and_error"]
 
 EFFICIENCY = np.sqrt(np.pi / 2)  # standard error of a median, over that of a mean
+MANY = 10  # values, from which on their scatter is told robustly
 
 
 def cycle_period(lines: xr.Dataset) -> tuple[float, float]:
     """T [s] between successive lines, and its standard error; NaN for fewer than two of them.
 
-    The median over measured columns and cycles, so that a line that was missed, or that does not
-    go all the way, does not count where it was not seen.
+    NaN, too, where the records are aliased. The median over measured columns and cycles, so that a
+    line that was missed, or that does not go all the way, does not count where it was not seen.
     """
-    passage = lines["passage"].values[:, lines["measured"].values]
-    between = intervals(passage)
-    if not len(between):
+    if lines.attrs["aliased"]:
         return np.nan, np.nan
-    cycles = len(between) / passage.shape[1]
-    _, error = median_and_error(between, np.full(len(between), lines.attrs["sampling_s"]))
-    return float(np.median(between)), error * np.sqrt(len(between) / max(cycles, 1.0))
+    between, columns = intervals(lines["passage"].values[:, lines["measured"].values])
+    return median_and_error(between, np.full(len(between), lines.attrs["sampling_s"]), columns)
 
 
 def mean_velocity(lines: xr.Dataset) -> tuple[float, float]:
-    """Median velocity [cm/s] of the lines, and its standard error; NaN where none is told."""
-    told = np.isfinite(lines["velocity"].values)
-    return median_and_error(lines["velocity"].values[told], lines["velocity_error"].values[told])
+    """Median velocity [cm/s] of the lines, and its standard error; NaN where none is told.
+
+    A line weighs as much as the length on which it was seen in the measured columns.
+    """
+    told = lines.isel(event=np.isfinite(lines["velocity"].values))
+    seen = np.isfinite(told["passage"].values[:, told["measured"].values]).sum(axis=1)
+    return median_and_error(told["velocity"].values, told["velocity_error"].values, seen)
 
 
-def median_and_error(values: Floats, errors: Floats) -> tuple[float, float]:
-    """Median of independent values, and its standard error from their scatter and own errors."""
+def median_and_error(values: Floats, errors: Floats, weights: Floats) -> tuple[float, float]:
+    """Median of independent values, and its standard error from their scatter or own errors.
+
+    As many count as equal weights would make as certain, n = (sum w)^2 / sum w^2. The scatter of
+    MANY is 1.48 times the median deviation; that of fewer the standard deviation, times Student's
+    factor for what n - 1 degrees of freedom leave open; of one nothing but its own error is known.
+    """
+    if len(values) < 2:
+        return (float(values[0]), float(errors[0])) if len(values) else (np.nan, np.nan)
+    middle = median(values, weights)
+    n = float(weights.sum() ** 2 / (weights**2).sum())
+    if n < MANY:
+        student = scipy.stats.t.ppf(scipy.stats.norm.cdf(1.0), max(n - 1.0, 1.0))
+        scatter = float(student * np.sqrt(np.cov(values, aweights=weights)))
+    else:
+        scatter = 1.4826 * median(np.abs(values - middle), weights)
+    return middle, float(EFFICIENCY * max(scatter, median(errors, weights)) / np.sqrt(n))
+
+
+def median(values: Floats, weights: Floats) -> float:
+    """Where half of the weight is passed, interpolated between `values`; NaN of none."""
     if not len(values):
-        return np.nan, np.nan
-    middle = float(np.median(values))
-    scatter = 1.4826 * float(np.median(np.abs(values - middle)))
-    own = float(np.median(errors))
-    return middle, float(EFFICIENCY * np.hypot(scatter, own) / np.sqrt(len(values)))
+        return np.nan
+    order = np.argsort(values)
+    passed = np.cumsum(weights[order]) - weights[order] / 2
+    return float(np.interp(weights.sum() / 2, passed, values[order]))
 
 
-def intervals(passage: Floats) -> Floats:
-    """Times [s] since the line before, of all lines in all columns (line, x) where there is one.
+def intervals(passage: Floats) -> tuple[Floats, Floats]:
+    """Times [s] since the line before, of all lines (line, x) that have one; and their weights.
 
-    Of each line the mean over its columns, once for each of them.
+    The mean over the columns where there is one, whose number is the weight.
     """
     last = np.full(passage.shape[1], np.nan)
-    found = [np.zeros(0)]
+    found: list[tuple[float, float]] = []
     for line in passage:
         since = (line - last)[np.isfinite(line) & np.isfinite(last)]
         if len(since):
-            found.append(np.full(len(since), since.mean()))
+            found.append((since.mean(), len(since)))
         last = np.where(np.isfinite(line), line, last)
-    return np.concatenate(found)
+    between, columns = np.array(found).reshape(-1, 2).T
+    return between, columns

@@ -8,9 +8,11 @@ whenever they fall to zero (E. S. Page, Biometrika 41, 100 (1954)),
 
 tell one from the other with as few records as the noise sigma allows: noise about a mean that
 lies m beyond the level passes h by chance with odds exp(-2 m h / sigma^2), so h = ln(1/p)
-sigma^2 / (2 m). The crossing itself is where the sum of R / R0 - ON is least (front) or greatest
-(kink) between two such alarms, and between its records where R / R0 = ON. So nothing is averaged
-over time, and flow or rest of a single record is seen.
+sigma^2 / (2 m). What is over before grains roll on by some per cent of the slope sets off none,
+though, for single grains and gaps are no flow and no rest. The crossing itself is where the sum
+of R / R0 - ON is least (front) or greatest (kink) between two such alarms, and between its
+records where R / R0 = ON. So nothing is averaged over time, and where records are farther apart
+flow or rest of a single one is seen.
 """
 
 import math
@@ -27,6 +29,7 @@ __all__ = ["Crossings", "alarms", "crossings", "noise_of", "quieten"]
 ON, OFF = 0.3, 0.15  # of R0
 FALSE_ALARM = 1e-5  # p
 LEAST_ALARM = 0.1  # R0 times a record: h where there is no noise
+BRIEF = 0.008  # R0 L / v: h where records are dense, so that a missing grain is no rest
 WIDEST = 0.15  # of the slope, over which R may be averaged
 NARROW = 0.25  # of a stretch along x
 
@@ -54,7 +57,7 @@ def quieten(flow: Floats, rolled: float) -> tuple[Floats, int, float]:
         columns = min(2.0 * columns + 1.0, widest)
         smooth = _averaged(flow, columns)
         noise = noise_of(smooth, rolling)
-    switches = np.count_nonzero(np.diff(alarms(smooth, noise), axis=1))
+    switches = np.count_nonzero(np.diff(alarms(smooth, noise, rolled), axis=1))
     stretch = flow.size / max(1, int(switches))
     wanted = min(rolled, widest, NARROW * stretch)
     if wanted > columns:
@@ -69,9 +72,13 @@ def noise_of(flow: Floats, rolling: NDArray[np.bool_]) -> float:
     return float(1.4826 * np.median(steps) / np.sqrt(2.0)) if len(steps) else 0.0
 
 
-def alarms(flow: Floats, noise: float) -> NDArray[np.bool_]:
-    """Whether grains roll (time, x) in `flow` [R0]: switched when a sum passes its alarm."""
-    to_start, to_stop = _alarm(noise, ON), _alarm(noise, 1.0 - OFF)
+def alarms(flow: Floats, noise: float, rolled: float = np.inf) -> NDArray[np.bool_]:
+    """Whether grains roll (time, x) in `flow` [R0]: switched when a sum passes its alarm.
+
+    Grains roll over `rolled` columns from record to record.
+    """
+    least = BRIEF * flow.shape[1] / rolled
+    to_start, to_stop = (max(least, _alarm(noise, margin)) for margin in (ON, 1.0 - OFF))
     rolls = np.empty(flow.shape, dtype=bool)
     state = flow[0] > ON
     total = np.zeros(flow.shape[1])

@@ -9,7 +9,7 @@ from compare.kymograph.fit import Curves, fit
 from compare.kymograph.flow import Crossings, alarms, crossings, quieten
 from compare.kymograph.link import link
 from compare.kymograph.profile import profiles
-from compare.kymograph.sampling import Sampling, hidden_growth
+from compare.kymograph.sampling import Sampling, compared, hidden_growth
 from compare.kymograph.slope import Slope, slope_of
 from compare.quantities import cell_width, velocity
 from experiment.arrays import Floats, Ints
@@ -70,11 +70,11 @@ def kinks_and_fronts(archive: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
     flow = slope.thickness.sum(axis=-1) / slope.inflow
     rolled = min(drift * interval, slope.length) / width
     flow, smoothed, noise = quieten(flow, rolled)
-    rolling = alarms(flow, noise)
+    rolling = alarms(flow, noise, rolled)
     hidden = hidden_growth(slope.height, rolling)
     records = Sampling(interval, drift, slope.length, width, smoothed, noise, hidden)
     stops, starts = crossings(slope.time, flow, rolling)
-    return (
+    return compared(
         _dataset(slope, records, stops, rising=False),
         _dataset(slope, records, starts, rising=True),
     )

@@ -2,7 +2,8 @@
 
 A crossing and one of the next column are linked if each is the other's nearest in time, once the
 usual lag from column to column is taken off, and no farther apart than the usual scatter of that
-lag allows. Ends of lines are then linked over columns in which the crossing is missing.
+lag, or a short halt, allows. Ends of lines are then linked over columns in which the crossing is
+missing.
 """
 
 import numpy as np
@@ -14,6 +15,7 @@ from experiment.arrays import Floats, Ints
 __all__ = ["link"]
 
 FARTHEST = 1 / 3  # of the time between successive lines
+HALT = 1 / 12  # of it, for which a line may stay where it is
 MISSING = 3  # columns over which a line is taken to go on
 
 
@@ -28,13 +30,14 @@ def link(found: Crossings, sampling: float) -> Ints:
     order = np.lexsort((found.time, found.column))
     column, time = found.column[order], found.time[order]
     spacing = np.diff(time)[np.diff(column) == 0]
-    farthest = FARTHEST * float(np.median(spacing)) if len(spacing) else np.inf
+    period = float(np.median(spacing)) if len(spacing) else np.inf
+    farthest, halt = FARTHEST * period, HALT * period if len(spacing) else 0.0
     near, far = _mutual(column, time, 1, 0.0)
     lags = time[far] - time[near]
     lags = lags[np.abs(lags) < farthest]
     lag = float(np.median(lags)) if len(lags) else 0.0
     scatter = 1.4826 * float(np.median(np.abs(lags - lag))) if len(lags) else 0.0
-    reach = min(farthest, 1.5 * sampling + 3 * abs(lag) + 6 * scatter)
+    reach = min(farthest, max(halt, 1.5 * sampling + 3 * abs(lag) + 6 * scatter))
     starts, ends = np.ones(n, dtype=bool), np.ones(n, dtype=bool)
     links: list[Ints] = []
     for gap in range(1, MISSING + 2):

@@ -3,16 +3,19 @@
 from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
-from compare.kymograph.cycles import intervals
+from compare.kymograph.cycles import intervals, median
 from experiment.arrays import Floats
 
-__all__ = ["Sampling", "hidden_growth"]
+__all__ = ["Sampling", "compared", "hidden_growth"]
 
 FEW = 8.0  # records a cycle, below which lines may be missed
 RESOLVED = 2.0  # records that a line lasts, so that its velocity can be told
 HIDDEN = 0.25  # share of the growth at rest that tells of cycles between records
+NOISY = 0.25  # of R0, noise above which it is remarked
+UNPAIRED = 3, 1 / 3  # kinks more than fronts, or fewer, and which share, so that it is remarked
 ROUGH = 0.02  # relative error of a velocity, above which it is remarked
 
 
@@ -28,14 +31,20 @@ class Sampling(NamedTuple):
     hidden: float  # share of the growth of the pile that no record shows, hidden_growth
 
     @property
-    def aliased(self) -> bool:
-        """Whether a whole cycle might pass between two records and show as a slower one.
+    def sparse(self) -> bool:
+        """Whether a cycle might be so short that two records do not tell its flow from its rest.
 
-        A cycle lasts longer than the grains' way down the slope, L / v. Where records are farther
-        apart than half of that, the pile tells, which grows only where grains roll.
+        All that is known before is that it lasts longer than the grains' way down the slope, L / v.
         """
-        possible = 2.0 * self.interval > self.length / self.drift
-        return possible and self.hidden > HIDDEN
+        return 2.0 * self.interval > self.length / self.drift
+
+    @property
+    def aliased(self) -> bool:
+        """Whether whole cycles pass between two records and show as a slower one.
+
+        Where records are sparse, the pile tells, which grows only where grains roll.
+        """
+        return self.sparse and self.hidden > HIDDEN
 
     @property
     def least(self) -> float:
@@ -64,17 +73,21 @@ class Sampling(NamedTuple):
 
     def attributes(self, passage: Floats, velocity: Floats, error: Floats) -> dict[str, Any]:
         """Attributes of a Dataset of lines with `passage` (line, x) in the measured columns."""
-        between = intervals(passage)
-        period = float(np.median(between)) if len(between) else np.nan
-        per_cycle = period / self.interval
+        per_cycle = median(*intervals(passage)) / self.interval
         remarks = []
         if self.aliased:
             remarks.append(
                 f"the pile grows where no record shows a flow: with records every "
-                f"{self.interval:.3g} s cycles seem slower than they are, so no velocities are told"
+                f"{self.interval:.3g} s cycles seem slower than they are, so neither "
+                f"velocities nor periods are told"
             )
-        elif per_cycle < FEW:
-            remarks.append(f"{per_cycle:.2g} records a cycle: lines may be missed")
+        elif self.sparse or per_cycle < FEW:
+            remarks.append(
+                f"records every {self.interval:.3g} s are few in a cycle, which may be as short as "
+                f"{self.length / self.drift:.3g} s: lines may be missed"
+            )
+        if self.noise > NOISY:
+            remarks.append(f"averaged over x, R / R0 still has a noise of {self.noise:.2g}")
         unresolved = int((~np.isfinite(velocity)).sum())
         if unresolved and not self.aliased:
             remarks.append(
@@ -90,8 +103,24 @@ class Sampling(NamedTuple):
             "shortest_period_s": 2.0 * self.interval,
             "columns_averaged": self.smoothed,
             "noise": self.noise,
+            "aliased": int(self.aliased),
         }
         return told | ({"comment": "; ".join(remarks)} if remarks else {})
+
+
+def compared(kinks: xr.Dataset, fronts: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
+    """Both, with a comment if not every front has its kink, as in a sound pour."""
+    up, down = kinks.sizes["event"], fronts.sizes["event"]
+    least, share = UNPAIRED
+    if abs(up - down) < least or abs(up - down) <= share * max(up, down):
+        return kinks, fronts
+    remark = f"{up} kinks and {down} fronts: some lines are missed, invented or broken"
+
+    def remarked(lines: xr.Dataset) -> xr.Dataset:
+        before = [lines.attrs["comment"]] if "comment" in lines.attrs else []
+        return lines.assign_attrs(comment="; ".join([*before, remark]))
+
+    return remarked(kinks), remarked(fronts)
 
 
 def hidden_growth(height: Floats, rolling: NDArray[np.bool_]) -> float:
