@@ -138,5 +138,5 @@ def _mean(values: Floats, errors: Floats) -> tuple[float, float]:
     if n == 0:
         return np.nan, np.nan
     scatter = float(values[there].std(ddof=1)) if n > 1 else 0.0
-    own = float(np.sqrt((errors[there] ** 2).mean()))
-    return float(values[there].mean()), float(np.hypot(scatter, own) / np.sqrt(n))
+    own = float(np.median(errors[there]))
+    return float(values[there].mean()), max(scatter, own) / float(np.sqrt(n))
