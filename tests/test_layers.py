@@ -241,6 +241,30 @@ def test_two_wavelengths_that_have_no_common_one_are_not_told_as_their_multiple(
     assert number(found, "wavelength_lower") == pytest.approx(1.5, rel=0.03)
 
 
+def test_parts_of_the_slope_that_differ_are_an_error() -> None:
+    """Every cycle is alike, but from 1 cm at the top to 1.2 cm at the wall."""
+    found = layers_of(drawn(lambda above, x: (above - 15.0) / (1.0 + 0.002 * x)))
+    assert 0.02 < number(found, "wavelength_counted_error") < 0.06
+
+
+def test_half_of_what_the_estimators_differ_by_is_an_error() -> None:
+    for seed in range(6):
+        found = layers_of(drawn(renewed(1.2, 0.5, seed), seed=seed))
+        apart = abs(number(found, "wavelength") - number(found, "wavelength_counted"))
+        assert number(found, "wavelength_error") >= apart / 2
+
+
+def test_zones_begin_and_end_at_edges_of_columns() -> None:
+    found = layers_of(drawn(lambda above, x: np.where(x < 40, 0.1, 0.9) + 0 * above))
+    told = [number(found, f"zone_{name}") for name in ("small_begin", "small_end")]
+    assert told == pytest.approx([0.0, 40.0])
+    told = [number(found, f"zone_{name}") for name in ("large_begin", "large_end")]
+    assert told == pytest.approx([40.0, 100.0])
+    assert np.isnan(number(found, "zone_layered_begin"))
+    assert number(found, "pure_share") == 1.0
+    assert number(found, "segregation") == pytest.approx(1.0)
+
+
 def test_thin_sublayers_and_coarse_cells_are_remarked() -> None:
     thin = layers_of(drawn(parallel(1.2), share=0.06))
     assert "cannot be told" in thin.attrs["comment"]
