@@ -126,10 +126,10 @@ def compare(archives: Sequence[xr.Dataset]) -> xr.Dataset:
         "experiment": archives[0].attrs["experiment"],
     }
     comments = [
-        f"{archive.attrs['model']}: {told.attrs['comment']}"
+        f"{archive.attrs['model']}: {line}"
         for archive, numbers in zip(archives, each, strict=True)
         for told in (archive, numbers)
-        if "comment" in told.attrs
+        for line in told.attrs.get("comment", "").splitlines()
     ]
     if published is not None:
         for name in ("wavelength", "kink_velocity"):
