@@ -39,6 +39,7 @@ SMOOTHED = 10  # this part of a wavelength is averaged before layers are counted
 THINNEST = 4  # mean grain diameters, a pair of layers
 UNLIKE = 0.6  # regularity, at which pairs that are unlike make one cycle
 CYCLES = 3
+NEARLY = 0.5  # of the strength of the cycle, that a pair has if it might be the wavelength
 STEPS = ("wavelength_upper", "wavelength_lower", "wavelength_step_x")
 CLEAR = 0.5  # of the mean strength, in columns that are looked at further
 
@@ -155,15 +156,16 @@ def _cycle(
 
     More than one pair only where the pattern repeats after several in good order (UNLIKE), and
     did so at least CYCLES times: of irregular layers the longer lag is chance, and where two
-    wavelengths share the slope it is a multiple of both. Else the wavelength is at the peak nearest
-    to the pair that was counted.
+    wavelengths share the slope it is a multiple of both. Else, if it is NEARLY as strong, the peak
+    nearest to the pair that was counted is the wavelength.
     """
     pairs = max(1.0, float(np.round(repeat.lag / counted.pair)))
     seen_often = counted.number >= CYCLES * pairs
     in_order = np.isnan(steps.x) and np.median(regular) >= UNLIKE
-    if pairs > 1 and not (seen_often and in_order):
-        near = pooled.repeat_near(counted.pair, 0).lag
-        return (near if np.isfinite(near) else repeat.lag), 1.0
+    near = pooled.repeat_near(counted.pair, 0)
+    as_good = near.strength >= NEARLY * repeat.strength and not in_order
+    if pairs > 1 and np.isfinite(near.lag) and (as_good or not seen_often):
+        return near.lag, 1.0
     return repeat.lag, pairs
 
 

@@ -21,7 +21,7 @@ PURE = 0.1
 FAINTEST = 0.1
 COHERENT = 0.4
 REGULAR = 0.45
-LAYERED_SHARE = 1 / 6  # of the slope, from which on a deposit counts as layered
+LAYERED_SHARE = 0.2  # of the slope, from which on a deposit counts as layered
 DIGITS = 9  # of edges in cm, that the pouring point be at 0
 
 
