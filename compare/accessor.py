@@ -34,9 +34,7 @@ class Strata:
 
     def measure(self) -> xr.Dataset:
         """Every number that the archive gives; see :func:`compare.measure`."""
-        from compare.measurement import measure
-
-        return measure(self._archive)
+        return self._measured
 
     @cached_property
     def _lines(self) -> tuple[xr.Dataset, xr.Dataset]:
@@ -45,3 +43,9 @@ class Strata:
     @cached_property
     def _layers(self) -> xr.Dataset:
         return layers(self._archive)
+
+    @cached_property
+    def _measured(self) -> xr.Dataset:
+        from compare.measurement import measure
+
+        return measure(self._archive)

@@ -16,7 +16,7 @@ from compare.quantities import (
     velocity,
     why_not_measured,
 )
-from compare.regimes import LAYERED_REGIMES, regime
+from compare.regimes import regime
 from experiment import ArchiveError
 from experiment.archive import experiment_of
 
@@ -53,7 +53,7 @@ def measure(archive: xr.Dataset) -> xr.Dataset:
     kink = kink._replace(value=-kink.value)
     front = Measured(*mean_velocity(strata.fronts()))
     period = Measured(*cycle_period(strata.kinks()))
-    told = layers if word in LAYERED_REGIMES else _untold(layers)
+    told = _untold(layers) if word == "unsettled" else layers
     wavelength = Measured(float(told["wavelength"]), float(told["wavelength_error"]))
     v, r0, length = velocity(archive), total_inflow(archive), cell_length(archive)
     numbers = xr.Dataset(
@@ -90,7 +90,7 @@ def measure(archive: xr.Dataset) -> xr.Dataset:
 
 
 def _untold(layers: xr.Dataset) -> xr.Dataset:
-    """`layers` without the numbers of layers, which are those of weak stripes or of chance."""
+    """`layers` without the numbers of layers, of which too few were laid to tell."""
     kept = [name for name in layers.data_vars if str(name).startswith("zone_")]
     kept += ["layering", "pure_share", "layered_share", "segregation"]
     return layers.where(False).assign({name: layers[name] for name in kept}).drop_attrs(deep=False)

@@ -23,9 +23,11 @@ from experiment.variables import COORDINATES, VARIABLES, Variable
 
 __all__ = [
     "COMPRESSED",
+    "CONVENTIONS",
     "assemble",
     "check",
     "experiment_of",
+    "history",
     "lay_out",
     "load",
     "read",
@@ -70,8 +72,6 @@ def lay_out(
     stray = [name for name in known if name not in table]
     if stray:
         raise ArchiveError(f"{stray[0]!r} is no variable of the archive; known: {', '.join(table)}")
-    now = datetime.now(UTC).isoformat(timespec="seconds")
-    release = version("stratify")
     return xr.Dataset(
         {name: _data_array(VARIABLES[name], known[name]) for name in VARIABLES if name in known},
         {
@@ -82,8 +82,8 @@ def lay_out(
         {
             "Conventions": CONVENTIONS,
             "title": experiment.title,
-            "source": f"{model} of stratify {release}",
-            "history": f"{now} poured by stratify {release}",
+            "source": f"{model} of stratify {version('stratify')}",
+            "history": history("poured"),
             "references": REFERENCES,
             "model": model,
             "experiment": experiment.to_toml(),
@@ -112,6 +112,12 @@ def check(dataset: xr.Dataset, absent: Collection[str] = ()) -> xr.Dataset:
         if dataset.sizes[name] < 2 or not (np.diff(dataset[name].values) > 0).all():
             raise ArchiveError(f"{name} should have at least 2 values, and grow")
     return dataset
+
+
+def history(done: str) -> str:
+    """The attribute that says when, and by which version, a file was `done`."""
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    return f"{now} {done} by stratify {version('stratify')}"
 
 
 def write_whole(

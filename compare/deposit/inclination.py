@@ -13,6 +13,9 @@ layer rises; the greatest likeness counts. The inclination is
 -rise / dx: a slope, downhill positive, as all slopes here.
 """
 
+from functools import cache
+from typing import Any
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
@@ -20,6 +23,9 @@ from numpy.typing import NDArray
 from experiment.arrays import Floats
 
 __all__ = ["along_layers", "rises", "settle"]
+
+
+TRIED = 12  # distances
 
 
 def settle(coarse: Floats) -> tuple[Floats, NDArray[np.intp]]:
@@ -46,9 +52,6 @@ def _surface_slope(coarse: Floats, floor: NDArray[np.intp]) -> float:
     return float(-scipy.stats.theilslopes(top, there).slope)
 
 
-TRIED = 12  # distances
-
-
 def rises(coarse: Floats, floor: NDArray[np.intp], lag: float, farthest: int, width: int) -> Floats:
     """By how many cells layers `lag` thick rise from each column to the next, (x - 1,).
 
@@ -60,11 +63,18 @@ def rises(coarse: Floats, floor: NDArray[np.intp], lag: float, farthest: int, wi
     if not np.isfinite(surface):
         return np.zeros(columns - 1)
     farthest = max(1, min(farthest, columns // 4))
+    spectrum = _spectrum(coarse)
+
+    @cache
+    def like(apart: int) -> Floats:
+        product = np.conj(spectrum[:, :-apart]) * spectrum[:, apart:]
+        correlated: Floats = scipy.fft.irfft(product, _size(coarse), axis=0)
+        return correlated
 
     def follow(slope: float, apart: int, reach: float) -> tuple[Floats, Floats]:
         fallen = floor[:-apart] - floor[apart:]
         near = round(-slope * apart) + fallen
-        shift, likeness = _shifts(coarse, near, reach, width, apart)
+        shift, likeness = _shifts(like(apart), len(coarse), near, reach, width)
         return (shift - fallen) / apart, likeness
 
     stepwise, apart = surface, 1
@@ -72,23 +82,25 @@ def rises(coarse: Floats, floor: NDArray[np.intp], lag: float, farthest: int, wi
         stepwise = -_weighted_median(*follow(stepwise, apart, lag / 2))
         apart = min(2 * apart, farthest)
     aparts = np.unique(np.linspace(max(1, 2 * farthest // 3), farthest, TRIED).astype(int)).tolist()
-    found = [
-        (*follow(slope, apart, lag / 4), apart) for apart in aparts for slope in (surface, stepwise)
-    ]
+    expected = dict.fromkeys((surface, stepwise))
+    found = [(*follow(slope, apart, lag / 4), apart) for apart in aparts for slope in expected]
     rise, _, apart = max(found, key=lambda one: float(one[1].mean()))
     middles = np.arange(columns - apart) + (apart - 1) / 2
     return np.interp(np.arange(columns - 1), middles, rise)
 
 
 def _shifts(
-    coarse: Floats, expected: NDArray[np.intp], reach: float, width: int, apart: int
+    like: Floats, longest: int, expected: NDArray[np.intp], reach: float, width: int
 ) -> tuple[Floats, Floats]:
-    """The lag (x - apart,), within `reach` of the one `expected`, of the greatest likeness; and it.
+    """The lag (x,), within `reach` of the one `expected`, of the greatest likeness; and it.
 
-    Where there is nothing to liken, in zones of one kind of grain, the one expected.
+    From `like` (lag, x), X of pairs of columns at most `longest`. Where there is nothing to liken,
+    in zones of one kind of grain, the one expected.
     """
     steps = np.arange(-max(1, int(reach)), max(1, int(reach)) + 1)
-    like = _likeness(coarse, expected + steps[:, None], apart)
+    lags = expected + steps[:, None]
+    near = np.take_along_axis(like, lags % len(like), axis=0)
+    like = np.where(np.abs(lags) < longest, near, 0.0)
     like = scipy.ndimage.uniform_filter1d(like, width, axis=1, mode="nearest")
     most = like.max(axis=0)
     best = np.where(most > 0, like.argmax(axis=0), len(steps) // 2)
@@ -132,15 +144,14 @@ def along_layers(coarse: Floats, floor: NDArray[np.intp], rise: Floats, width: i
     return np.where(known, total / np.where(known, number, 1.0), np.nan)
 
 
-def _likeness(coarse: Floats, lags: NDArray[np.intp], apart: int) -> Floats:
-    """X of each column with the one `apart` at its `lags`, (lag, x - apart)."""
+def _spectrum(coarse: Floats) -> NDArray[np.complexfloating[Any]]:
+    """The transform of each column's c'."""
     inside = np.isfinite(coarse)
     mean = np.where(inside, coarse, 0.0).sum(axis=0) / np.maximum(inside.sum(axis=0), 1)
     varying = np.where(inside, coarse - mean, 0.0)
-    size = scipy.fft.next_fast_len(2 * len(coarse), real=True)
-    spectrum = scipy.fft.rfft(varying, size, axis=0)
-    like: Floats = scipy.fft.irfft(
-        np.conj(spectrum[:, :-apart]) * spectrum[:, apart:], size, axis=0
-    )
-    overlapping = np.abs(lags) < len(coarse)
-    return np.where(overlapping, np.take_along_axis(like, lags % size, axis=0), 0.0)
+    return np.asarray(scipy.fft.rfft(varying, _size(coarse), axis=0))
+
+
+def _size(coarse: Floats) -> int:
+    """Of a transform in which columns do not meet their own ends."""
+    return int(scipy.fft.next_fast_len(2 * len(coarse), real=True))

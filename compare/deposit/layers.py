@@ -8,6 +8,8 @@ Counting looks at profiles averaged along the layers (:mod:`compare.deposit.incl
 single columns of grains are noise to it.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 import scipy
 import xarray as xr
@@ -111,33 +113,23 @@ def layers_of(
     correlation = correlate(values)
     pooled = correlation.pooled(chosen)
     repeat = pooled.repeat(THINNEST * grain / dz)
-    local = repeats(correlation, repeat)
-    found = {"layering": repeat.strength}
-    coherent: Floats = np.zeros(len(x))
-    regular: Floats = np.zeros(len(x))
-    if np.isfinite(repeat.lag):
-        layered = chosen & (local.strength >= CLEAR * repeat.strength)
-        rise = rises(values, floor, repeat.lag, int(repeat.lag * dz / dx), together(len(x)))
-        profiles = along_layers(values, floor, rise, together(len(x)))
-        coherent = coherence(values, profiles)
-        profiles = _smooth(profiles, repeat.lag / SMOOTHED)
-        regular = regularity(profiles, repeat)
-        inclined = _middle(-rise[layered[:-1] & layered[1:]] * dz / dx)
-        columns = [count_pairs(column[np.isfinite(column)]) for column in profiles.T]
-        counted = count_layers([columns[i] for i in np.flatnonzero(layered)])
-        at = np.array([one.pair.mean() if len(one.pair) else np.nan for one in columns])
-        steps = plateaus(np.where(layered, at, np.nan) * dz, x)
-        lag, pairs = _cycle(pooled, repeat, counted, regular[layered], steps)
-        found |= _wavelengths(lag * dz, pairs, counted, dz, inclined)
-        found |= dict(zip(STEPS, steps, strict=True))
-        found |= _drift(x[layered], local.lag[layered] * dz)
+    local = repeats(correlation.neighbourly(together(len(x))), repeat)
+    followed = _follow(values, floor, repeat, dz / dx)
     mean = column_mean(values)
-    shares = zones(x, mean, local.strength, coherent, regular)
-    if shares["layered_share"] < LAYERED_SHARE:
-        found = {"layering": repeat.strength}
+    shares = zones(x, mean, local.strength, followed.coherence, followed.regularity)
+    found = {"layering": repeat.strength} | shares
+    if shares["layered_share"] >= LAYERED_SHARE:
+        layered = chosen & (local.strength >= CLEAR * repeat.strength)
+        found |= _numbers(pooled, repeat, followed, layered, coarse)
+        found |= _drift(x[layered], local.lag[layered] * dz)
     comment = _second_thoughts(found, dz)
-    found |= shares
-    in_place = (local.lag * dz, local.strength, coherent, regular, mean)
+    in_place = (
+        local.lag * dz,
+        local.strength,
+        followed.coherence,
+        followed.regularity,
+        mean,
+    )
     return xr.Dataset(
         {name: quantity(found.get(name, np.nan), *told) for name, told in SCALARS.items()}
         | {
@@ -147,6 +139,46 @@ def layers_of(
         {"x": coarse["x"]},
         {"comment": comment} if comment else {},
     )
+
+
+class _Followed(NamedTuple):
+    """The deposit along its layers; all 0 and empty where nothing repeats."""
+
+    profiles: Floats  # (z, x), averaged along the layers and smooth along z
+    rise: Floats  # (x - 1,) of the layers, in cells
+    coherence: Floats  # (x,)
+    regularity: Floats  # (x,)
+
+
+def _follow(values: Floats, floor: NDArray[np.intp], repeat: Repeat, aspect: float) -> _Followed:
+    """Averages along the layers of `values` (z, x); `aspect` is that of a cell, dz / dx."""
+    columns = values.shape[1]
+    if not np.isfinite(repeat.lag):
+        nothing = np.zeros(columns)
+        return _Followed(np.full(values.shape, np.nan), nothing[1:], nothing, nothing)
+    rise = rises(values, floor, repeat.lag, int(repeat.lag * aspect), together(columns))
+    raw = along_layers(values, floor, rise, together(columns))
+    profiles = _smooth(raw, repeat.lag / SMOOTHED)
+    return _Followed(profiles, rise, coherence(values, raw), regularity(profiles, repeat))
+
+
+def _numbers(
+    pooled: Correlation,
+    repeat: Repeat,
+    followed: _Followed,
+    layered: NDArray[np.bool_],
+    coarse: xr.DataArray,
+) -> dict[str, float]:
+    """What counting in the columns that are `layered` (x,) adds to the `repeat` of all columns."""
+    x, dz = coarse["x"].values, _spacing(coarse["z"].values)
+    columns = [count_pairs(column[np.isfinite(column)]) for column in followed.profiles.T]
+    counted = count_layers([columns[i] for i in np.flatnonzero(layered)])
+    at = np.array([one.pair.mean() if len(one.pair) else np.nan for one in columns])
+    steps = plateaus(np.where(layered, at, np.nan) * dz, x)
+    lag, pairs = _cycle(pooled, repeat, counted, followed.regularity[layered], steps)
+    inclined = _middle(-followed.rise[layered[:-1] & layered[1:]] * dz / _spacing(x))
+    wavelengths = _wavelengths(lag * dz, pairs, counted, dz, inclined)
+    return wavelengths | dict(zip(STEPS, steps, strict=True))
 
 
 def _cycle(

@@ -32,12 +32,11 @@ def together(columns: int) -> int:
     return min(max(FEWEST, columns // TOGETHER), MOST) | 1
 
 
-def repeats(correlation: Correlation, repeat: Repeat) -> Repeats:
-    """In each column, with its neighbours, the repeat nearest to that of all columns."""
-    columns = correlation.sums.shape[1]
+def repeats(near: Correlation, repeat: Repeat) -> Repeats:
+    """The repeat nearest to that of all columns in each one, `near` with its neighbours."""
+    columns = near.sums.shape[1]
     if not np.isfinite(repeat.lag):
         return Repeats(np.full(columns, np.nan), np.zeros(columns))
-    near = correlation.neighbourly(together(columns))
     found = [near.repeat_near(repeat.lag, i) for i in range(columns)]
     return Repeats(np.array([one.lag for one in found]), np.array([one.strength for one in found]))
 
@@ -52,10 +51,9 @@ def coherence(coarse: Floats, profiles: Floats) -> Floats:
 
 def regularity(profiles: Floats, repeat: Repeat) -> Floats:
     """Regularity (x,) of `profiles` (z, x) along the layers."""
-    correlation = correlate(profiles)
-    near = correlation.neighbourly(together(profiles.shape[1]))
+    near = correlate(profiles).neighbourly(together(profiles.shape[1]))
     variance = near.sums[0] / np.maximum(near.terms[0], 1.0)
-    return _share((repeats(correlation, repeat).strength / 2) ** 2, variance)
+    return _share((repeats(near, repeat).strength / 2) ** 2, variance)
 
 
 def column_mean(values: Floats) -> Floats:

@@ -11,7 +11,7 @@ from compare.kymograph.link import link
 from compare.kymograph.profile import profiles
 from compare.kymograph.sampling import Sampling, compared, hidden_growth
 from compare.kymograph.slope import Slope, slope_of
-from compare.quantities import cell_width, velocity
+from compare.quantities import cell_width, named, velocity
 from experiment.arrays import Floats, Ints
 
 __all__ = ["fronts", "kinks", "kinks_and_fronts"]
@@ -230,6 +230,6 @@ def _ends(passage: Floats, *, rising: bool) -> tuple[Ints, Ints]:
 
 def _variables(rows: Rows) -> dict[str, tuple[Any, Any, dict[str, str]]]:
     return {
-        name: (dims, values, {"long_name": meaning} | ({"units": units} if units else {}))
+        name: (dims, values, named(meaning, units))
         for name, (dims, values, units, meaning) in rows.items()
     }

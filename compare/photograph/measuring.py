@@ -5,8 +5,6 @@ become coarseness (`colours`), which :func:`compare.deposit.layers_of` measures 
 """
 
 import warnings
-from datetime import UTC, datetime
-from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -18,6 +16,7 @@ from compare.deposit import layers_of
 from compare.photograph.background import deposit_in
 from compare.photograph.colours import Colours, lab, part
 from compare.photograph.view import FEWEST, View, straighten
+from experiment.archive import CONVENTIONS, history
 from experiment.arrays import Floats
 from experiment.errors import PictureError, SetupError
 
@@ -36,13 +35,11 @@ def measure_photograph(path: Path, view: View, large: str = "bright") -> xr.Data
     seen = see(read_picture(path), view, large)
     found = layers_of(seen["coarseness"])
     comments = [found.attrs.get("comment", ""), seen.attrs["comment"]]
-    release = version("stratify")
-    now = datetime.now(UTC).isoformat(timespec="seconds")
     return found.assign(seen.astype(np.float32).data_vars).assign_attrs(
-        Conventions="CF-1.11",
+        Conventions=CONVENTIONS,
         title=path.name,
         source="photograph",
-        history=f"{now} measured by stratify {release}",
+        history=history("measured"),
         comment="\n".join(filter(None, comments)),
     )
 
