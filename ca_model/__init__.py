@@ -2,7 +2,6 @@
 
 from ca_model.lattice import Ground, Lattice, Rule, Settings, TopplingRule, lattice_of
 from ca_model.run import check, pour, pour_many
-from ca_model.stream import pour_to_disk, read_section
 
 __all__ = [
     "Ground",
@@ -14,6 +13,4 @@ __all__ = [
     "lattice_of",
     "pour",
     "pour_many",
-    "pour_to_disk",
-    "read_section",
 ]

@@ -12,13 +12,14 @@ same grains on any machine.
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from experiment.arrays import Floats, Ints
+from experiment.state import State, put_back
 
 __all__ = ["ArrivalKind", "Arrivals"]
 
@@ -51,6 +52,20 @@ class Arrivals:
         words = 1 + int(np.sum(largest)) + len(largest) * parts
         due = np.zeros(len(largest), dtype=np.int64)
         return cls(kind, stream, parts, max(1, MOST_WORDS // words), due)
+
+    def state(self) -> State:
+        """What is due, and how far the random numbers were drawn."""
+        stream: Any = self.stream.state
+        drawn = stream["state"]["counter"], stream["buffer"], [stream["buffer_pos"]]
+        return {"due": self.due, "stream": np.concatenate(drawn).astype(np.uint64)}
+
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
+        put_back(self.state(), state)
+        stream: Any = self.stream.state
+        stream["state"]["counter"], stream["buffer"] = np.split(state["stream"][:-1], 2)
+        stream["buffer_pos"] = int(state["stream"][-1])
+        self.stream.state = stream
 
     def take(self, rates: Floats) -> Ints:
         """The next grains (step, species), one row for each row of `rates`."""

@@ -7,14 +7,14 @@ import numpy as np
 
 from ca_model.lattice import MANY, Lattice, TopplingRule
 from experiment import Mixture
-from experiment.arrays import Floats
+from experiment.pouring import Sliced
 
 __all__ = ["notes"]
 
 LATE = 10  # the last tenth of the records
 
 
-def notes(mixture: Mixture, lattice: Lattice, height: Floats) -> dict[str, object]:
+def notes(mixture: Mixture, lattice: Lattice, height: Sliced) -> dict[str, object]:
     """Attributes of the archive: what the lattice made of the set-up, in lattice units and in cm.
 
     A `comment` says which repose slopes act alike, because they lie between the same integers, and
@@ -46,13 +46,18 @@ def _slopes_that_act_alike(mixture: Mixture, lattice: Lattice) -> Iterator[str]:
             yield f"{names} act alike: on the lattice each is a slope of {threshold}"
 
 
-def _walls_that_outgrew(lattice: Lattice, height: Floats) -> Iterator[str]:
+def _walls_that_outgrew(lattice: Lattice, height: Sliced) -> Iterator[str]:
     """From the heights (time, x) [cm]; for a moment a wall's column may be above its neighbour."""
     rule = lattice.rule
     if lattice.ground.lips is not None or isinstance(rule, TopplingRule):
         return
-    grown = height[-max(1, len(height) // LATE) :].mean(axis=0) - height[0]
-    outgrowth = max([grown[-1] - grown[-2], grown[0] - grown[1]][: lattice.ground.sides])
+    late = max(1, len(height) // LATE)
+
+    def outgrown(wall: slice) -> float:
+        grown = np.array(height[-late:, wall]).mean(axis=0) - height[0, wall]
+        return float(np.diff(grown)[0])
+
+    outgrowth = max([outgrown(np.s_[-2:]), -outgrown(np.s_[:2])][: lattice.ground.sides])
     if outgrowth > rule.threshold.max() * lattice.unit:
         contacts = "all" if rule.contacts == MANY else rule.contacts
         yield (

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ca_model.deposit import Slab, count, slab_of
+from ca_model.deposit import count, slab_of
 from ca_model.kernel.bits import Word, word_count
 from ca_model.kernel.log import Entries, Log
 from ca_model.kernel.packets import follow_packets
@@ -14,6 +14,8 @@ from ca_model.kernel.slope import RankedRule, Slope, mark_all
 from ca_model.kernel.steps import Heap, take_steps
 from ca_model.lattice import Ground, Rule
 from experiment.arrays import Ints
+from experiment.slabs import Slab
+from experiment.state import State, arrays_of, put_back
 
 __all__ = ["LOG", "Pile", "ranked_rule", "slope_below"]
 
@@ -40,6 +42,10 @@ class Body(Protocol):
     @property
     def outflow(self) -> Ints:
         """Grains (rank,) that fell off the ends."""
+
+    @property
+    def arrays(self) -> State:
+        """All that changes, as it is kept."""
 
     def advance(self, log: Log, arrivals: Ints, source: Ints) -> None:
         """Take the steps of `arrivals` (step, side, rank); the log has room for them."""
@@ -68,6 +74,7 @@ class Pile:
         self._body: Body = (
             BelowMovingSource(rule, ground) if source is None else BelowSource(rule, ground, source)
         )
+        self._bottom = self.height.copy()  # (column,) of what is in the log
 
     def advance(self, arrivals: Ints, source: Ints) -> None:
         """Take a step for each row of `arrivals` (step, side, species).
@@ -94,9 +101,28 @@ class Pile:
 
     def flush(self) -> None:
         """Hand on as a slab what came to rest since the last one."""
+        if len(self._entries):
+            self._count()
+            self._lay(self.rest())
+            self._clear_log()
+
+    def rest(self) -> Slab:
+        """What came to rest since the last slab."""
+        return slab_of(self._entries, self._bottom, self.height.copy(), self._species)
+
+    def state(self) -> State:
+        """All that changes, but for what is in the log."""
         self._count()
-        self._lay(slab_of(self._entries, len(self._body.top), self._species))
+        return {"grains_at_rest": self._counts, **self._body.arrays}
+
+    def restore(self, state: State) -> None:
+        """Go on from a state, with nothing in the log."""
+        put_back(self.state(), state)
+        self._clear_log()
+
+    def _clear_log(self) -> None:
         self._log.length[0] = self._counted = 0
+        self._bottom = self.height.copy()
 
     @property
     def height(self) -> Ints:
@@ -167,6 +193,11 @@ class BelowSource:
         """Grains (rank,) that fell off the ends."""
         return self._right.outflow + self._left.outflow
 
+    @property
+    def arrays(self) -> State:
+        """All that changes, as it is kept."""
+        return arrays_of(self._right, "right_") | arrays_of(self._left, "left_")
+
     def advance(self, log: Log, arrivals: Ints, source: Ints) -> None:  # noqa: ARG002
         """Take the steps of `arrivals` (step, side, rank); the log has room for them."""
         right, left = arrivals[:, 0], arrivals[:, 1:].sum(axis=1)
@@ -217,6 +248,11 @@ class BelowMovingSource:
     def outflow(self) -> Ints:
         """Grains (rank,) that fell off the ends."""
         return self._heap.outflow
+
+    @property
+    def arrays(self) -> State:
+        """All that changes, as it is kept."""
+        return arrays_of(self._heap)
 
     def advance(self, log: Log, arrivals: Ints, source: Ints) -> None:
         """Take the steps of `arrivals` (step, side, rank); the log has room for them."""

@@ -9,9 +9,9 @@ open bins that hold more than dz are sealed. Both are rare and go cell by cell.
 from numba import njit
 
 from continuum.state import Flow
-from experiment.arrays import Floats, Ints
+from experiment.arrays import Floats
 
-__all__ = ["dig_up", "is_nearly_full", "reopen", "seal_full_bins", "some_lack"]
+__all__ = ["dig_up", "is_nearly_bare", "is_nearly_full", "reopen", "seal_full_bins", "some_lack"]
 
 
 @njit(cache=True)
@@ -82,13 +82,23 @@ def reopen(flow: Flow, i: int, wanted: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def is_nearly_full(sealed: Ints, bins: int, thickest: float, dz: float) -> bool:
-    """Whether some tape could run out of `bins` within a step; `sealed` (row,) of each.
+def is_nearly_full(flow: Flow, thickest: float, dz: float) -> bool:
+    """Whether some tape could run out of places within a step.
 
     No end of a tape gains more than the `thickest` flow [cm], for transport makes no new extremum,
     and a drum's tape has two ends.
     """
     most = 0
-    for row in range(sealed.size):
-        most = max(most, sealed[row])
-    return most + 4 + 2 * thickest / dz >= bins
+    for row in range(flow.sealed.size):
+        most = max(most, flow.sealed[row])
+    return most + 4 + 2 * thickest / dz >= flow.tape.shape[2]
+
+
+@njit(cache=True, error_model="numpy")
+def is_nearly_bare(flow: Flow, deepest: float, dz: float) -> bool:
+    """Whether what was handed on could be dug up by `deepest` [cm], the most that a step digs."""
+    bins = deepest / dz + 1.0
+    for row in range(flow.sealed.size):
+        if flow.buried[row] > 0 and flow.sealed[row] < bins:
+            return True
+    return False

@@ -43,7 +43,14 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from continuum.deposit import dig_up, is_nearly_full, reopen, seal_full_bins, some_lack
+from continuum.deposit import (
+    dig_up,
+    is_nearly_bare,
+    is_nearly_full,
+    reopen,
+    seal_full_bins,
+    some_lack,
+)
 from continuum.law import Law, amplification_rates, capture_rates, repose_slopes
 from continuum.limiters import limited
 from continuum.species import Rows, Values, at, put, total
@@ -51,10 +58,11 @@ from continuum.state import MUSCL, Flow, Grid
 from continuum.transport import advect, disperse
 from experiment.arrays import Floats
 
-__all__ = ["advance", "find_composition", "substeps_at"]
+__all__ = ["BARE", "DONE", "FULL", "Advance", "advance", "find_composition", "substeps_at"]
 
 
 COURANT = (0.25, 0.5)  # by scheme
+DONE, FULL, BARE = range(3)
 TINY = 1e-300  # cm; keeps 0 / 0 away where there is nothing
 
 
@@ -72,11 +80,18 @@ class Cells(NamedTuple):
     midway_surface: Rows  # (cell,) cm
 
 
-def advance(flow: Flow, law: Law, grid: Grid, velocity: Floats, inflow: Floats) -> tuple[int, int]:
+class Advance(NamedTuple):
+    """How far a slope was advanced."""
+
+    steps: int
+    substeps: int  # the most that one of them needed
+    why: int  # DONE, or why it goes no further: tapes are nearly FULL, or BARE of bins in memory
+
+
+def advance(flow: Flow, law: Law, grid: Grid, velocity: Floats, inflow: Floats) -> Advance:
     """Advance `flow` by one step per row of `inflow` (step, species) [cm].
 
-    Returns the number of steps taken, fewer than asked for where the deposit needs more bins first,
-    and the largest number of sub-steps that one of them needed.
+    Before a step that tapes may not last for it stops.
     """
     cells = Cells(
         rolling=tuple(flow.rolling),
@@ -89,20 +104,22 @@ def advance(flow: Flow, law: Law, grid: Grid, velocity: Floats, inflow: Floats) 
         midway_rolling=tuple(np.zeros_like(flow.rolling)),
         midway_surface=tuple(np.zeros_like(flow.rolling)),
     )
-    steps, substeps = take_steps(flow, cells, law, grid, velocity, inflow)
-    return steps, substeps
+    return Advance(*take_steps(flow, cells, law, grid, velocity, inflow))
 
 
 @njit(cache=True, nogil=True)
 def take_steps(
     flow: Flow, cells: Cells, law: Law, grid: Grid, velocity: Floats, inflow: Floats
-) -> tuple[int, int]:
+) -> tuple[int, int, int]:
     """:func:`advance`, with the same state by rows."""
     most = 0
     for step in range(inflow.shape[0]):
         thickest = _thickest(cells.slope, flow.rolling, inflow[step])
-        if is_nearly_full(flow.sealed, flow.tape.shape[2], thickest, grid.dz):
-            return step, most
+        if is_nearly_full(flow, thickest, grid.dz):
+            return step, most, FULL
+        deepest = law.surface_depth * substeps_at(_fastest(law) * thickest, law, grid)
+        if is_nearly_bare(flow, deepest, grid.dz):
+            return step, most, BARE
         advect(flow, grid, velocity, inflow[step])
         disperse(flow.rolling, law.dispersion, grid)
         substeps = substeps_at(_busiest_rate(cells.slope, flow.rolling, law), law, grid)
@@ -124,7 +141,7 @@ def take_steps(
         seal_full_bins(flow, cells.beyond, grid.dz)
         if grid.turning_rate > 0.0:
             _release_at_rim(flow, cells, law, grid)
-    return inflow.shape[0], most
+    return inflow.shape[0], most, DONE
 
 
 def find_composition(surface: Floats, rigid_fraction: Floats, depth: float) -> Floats:
@@ -150,6 +167,16 @@ def substeps_at(rate: float, law: Law, grid: Grid) -> int:
     """Sub-steps that a step needs where gamma R is `rate` [cm/s] at most."""
     climb = rate * (1.0 + 2.0 * law.curvature_length / grid.dx)
     return int(min(max(1.0, math.ceil(climb * grid.dt / (COURANT[grid.scheme] * grid.dx))), 1e15))
+
+
+@njit(cache=True)
+def _fastest(law: Law) -> float:
+    """The largest rate [1/s] of any species."""
+    fastest = 0.0
+    for rates in law.collision_rate:
+        for rate in rates:
+            fastest = max(fastest, rate)
+    return fastest
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,5 +1,6 @@
 """A pour by the surface-flow equations: set-up, schedule of records, archive."""
 
+import math
 from collections.abc import Callable
 from typing import Annotated, Literal
 
@@ -10,22 +11,27 @@ from pydantic import Field
 from continuum.kernel import substeps_at
 from continuum.law import Law, law_of
 from continuum.limiters import LIMITERS
-from continuum.section import section_of_drum, section_of_pile
-from continuum.slopes import Slope, across, lent_to_the_flow, slopes_of
+from continuum.body import Body
+from continuum.section import heights_in_drum, heights_in_pile, section_of_drum, section_of_pile
+from continuum.slopes import across, lent_to_the_flow, slopes_of
 from continuum.state import SCHEMES, Grid
 from continuum.transport import dispersion_substeps
 from experiment import Experiment, NotApplicableError, SetupError
-from experiment.archive import assemble
-from experiment.arrays import Floats
+from experiment.arrays import Floats, Ints
 from experiment.fields import Part
-from experiment.recorder import Recorder, edges_of_steps, record_steps
+from experiment.pouring import Sliced, pour_in_memory
+from experiment.recorder import record_steps
+from experiment.slabs import Slabs
+from experiment.state import State, put_back
 
-__all__ = ["Resolution", "check", "pour"]
+__all__ = ["FlowPouring", "Resolution", "begin", "check", "pour"]
 
 
 MOST_SUBSTEPS = 100_000
 MANY_SUBSTEPS = 20
 MOST_BINS = 3e8
+BLOCK = 65_536  # steps
+CELLS_AT_ONCE = 2**23  # times steps
 
 
 class Resolution(Part):
@@ -112,57 +118,104 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     or the source moves.
     """
     check(experiment)
-    law = law_of(experiment.mixture)
-    resolution = Resolution.parse(experiment.continuum, "continuum")
-    grid = resolution.grid(experiment)
-    velocity = np.array(experiment.mixture.drift_velocity)
-    slopes = slopes_of(experiment, grid, resolution.cells, law)
-    steps = record_steps(experiment.pour, grid.dt)
-    recorder = Recorder(len(steps), len(slopes) * resolution.cells, experiment.mixture.species)
-    poured = np.sum([slope.volume_at_rest for slope in slopes], axis=0)
-    most = 0
-    done = 0
-    for record, step in enumerate(steps):
-        for edges in edges_of_steps(done, step, grid.dt):
-            inflow = experiment.feed.mean_thickness(edges)
-            most = max([most, *(slope.advance(velocity, inflow) for slope in slopes)])
-            poured = poured + len(slopes) * inflow.sum(axis=0) * velocity * grid.dt
-        done = step
-        _record(recorder, record, step * grid.dt, slopes, poured)
-        if progress is not None:
-            progress((record + 1) / len(steps))
-    arrays = recorder.arrays | _section(experiment, slopes)
-    return assemble(experiment, "continuum", arrays, _notes(grid, most))
+    return pour_in_memory(begin, experiment, progress)
 
 
-def _record(
-    recorder: Recorder, record: int, time: float, slopes: list[Slope], poured: Floats
-) -> None:
-    dx = slopes[0].grid.dx
-    recorder.keep(
-        record,
-        time=time,
-        height=across(slopes, lambda slope: slope.flow.height),
-        rolling_thickness=across(slopes, lambda slope: slope.flow.rolling).T,
-        surface_fraction=across(slopes, lambda slope: slope.composition).T,
-        poured_volume=poured,
-        rolling_volume=sum(slope.flow.rolling.sum(axis=1) for slope in slopes) * dx,
-        deposited_volume=sum(slope.volume_at_rest for slope in slopes),
-        outflow_volume=sum(slope.flow.outflow for slope in slopes) * dx,
-    )
+def begin(experiment: Experiment, slabs: Slabs) -> "FlowPouring":
+    """The pour before its first step; what lies too deep to be dug up soon goes to `slabs`.
+
+    Raises :class:`SetupError` and :class:`NotApplicableError`, as :func:`pour`.
+    """
+    return FlowPouring(experiment, slabs)
 
 
-def _section(experiment: Experiment, slopes: list[Slope]) -> dict[str, Floats]:
-    if experiment.cell.shape == "drum":
-        z, fraction = section_of_drum(slopes[0], experiment.cell.length / 2)
-    else:
-        z, fraction = section_of_pile(slopes)
-    return {
-        "x": across(slopes, lambda slope: slope.x),
-        "z": z,
-        "base_height": across(slopes, lambda slope: slope.base),
-        "deposit_fraction": fraction,
-    }
+class FlowPouring:
+    """A pour under way, as :class:`experiment.pouring.Pouring` tells."""
+
+    model = "continuum"
+    whole_grains = False
+
+    def __init__(self, experiment: Experiment, slabs: Slabs) -> None:
+        resolution = Resolution.parse(experiment.continuum, "continuum")
+        grid, law = resolution.grid(experiment), law_of(experiment.mixture)
+        slopes = slopes_of(experiment, grid, resolution.cells, law)
+        self.experiment, self.grid_of_cells, self.dt = experiment, grid, grid.dt
+        self.columns = len(slopes) * resolution.cells
+        self.block = max(1, min(BLOCK, CELLS_AT_ONCE // self.columns))
+        self.velocity = np.array(experiment.mixture.drift_velocity)
+        self.body = Body(slopes, slabs, _bins_of_relief(experiment, grid))
+        self.poured = self.body.volume
+        self.substeps = np.zeros(1, dtype=np.int64)  # the most that a step needed
+
+    def advance(self, edges: Floats) -> None:
+        """Take the steps between the times `edges` (step + 1,) [s]."""
+        inflow = self.experiment.feed.mean_thickness(edges)
+        for slope in self.body.slopes:
+            substeps = self.body.advance(slope, self.velocity, inflow)
+            self.substeps[0] = max(self.substeps[0], substeps)
+        sides = len(self.body.slopes)
+        self.poured += sides * inflow.sum(axis=0) * self.velocity * self.dt
+
+    def record(self) -> dict[str, Floats]:
+        """What there is now."""
+        slopes, dx = self.body.slopes, self.grid_of_cells.dx
+        return {
+            "height": across(slopes, lambda slope: slope.flow.height),
+            "rolling_thickness": across(slopes, lambda slope: slope.flow.rolling).T,
+            "surface_fraction": across(slopes, lambda slope: slope.composition).T,
+            "poured_volume": self.poured,
+            "rolling_volume": sum(slope.flow.rolling.sum(axis=1) for slope in slopes) * dx,
+            "deposited_volume": self.body.volume,
+            "outflow_volume": sum(slope.flow.outflow for slope in slopes) * dx,
+        }
+
+    def bury(self) -> None:
+        """Nothing: whatever was laid down may be dug up again."""
+
+    def floor(self) -> Ints:
+        """The lowest bin (column,) of what is still in memory."""
+        return self.body.floor
+
+    def state(self) -> State:
+        """All that the steps to come depend on."""
+        return {"poured": self.poured, "substeps": self.substeps} | self.body.state()
+
+    def restore(self, state: State) -> None:
+        """Go on from a state. Raises LookupError or ValueError where it is not of this set-up."""
+        self.body.restore(state)
+        put_back({"poured": self.poured, "substeps": self.substeps}, state)
+
+    def grid(self) -> dict[str, Floats]:
+        """x, z and the surface before pouring [cm]."""
+        slopes = self.body.slopes
+        return {
+            "x": across(slopes, lambda slope: slope.x),
+            "z": heights_in_drum(slopes[0]) if self._is_drum else heights_in_pile(slopes),
+            "base_height": across(slopes, lambda slope: slope.base),
+        }
+
+    def section(self, slabs: Slabs, low: int, high: int) -> Floats:
+        """Rows of deposit_fraction (z, x, species), from bin `low` up to `high`."""
+        if self._is_drum:
+            slope, radius = self.body.slopes[0], self.experiment.cell.length / 2
+            return section_of_drum(slope, radius)[low:high]
+        whole = [*slabs.reaching(low, high), self.body.rest()]
+        shape = high - low, self.columns, self.experiment.mixture.species
+        return section_of_pile(whole, shape, low)
+
+    @property
+    def _is_drum(self) -> bool:
+        return self.experiment.cell.shape == "drum"
+
+    def notes(self, height: Sliced) -> dict[str, object]:  # noqa: ARG002
+        """Attributes of the archive."""
+        return _notes(self.grid_of_cells, int(self.substeps[0]))
+
+
+def _bins_of_relief(experiment: Experiment, grid: Grid) -> int:
+    """Bins in the height of the steepest pile: what a change of the feed may dig up of it."""
+    steepest = float(np.max(experiment.mixture.repose_slope))
+    return math.ceil(steepest * experiment.cell.length / grid.dz)
 
 
 def _notes(grid: Grid, most: int) -> dict[str, object]:

@@ -1,33 +1,103 @@
-"""Sections through what lies at rest at the end of a pour: its composition, (z, x, species)."""
+"""Sections through what lies at rest: its composition, (z, x, species)."""
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
 from continuum.slopes import Slope, across
 from continuum.state import Flow
 from experiment.arrays import Floats, Ints
+from experiment.slabs import Slab
 
-__all__ = ["section_of_drum", "section_of_pile"]
+__all__ = [
+    "heights_in_drum",
+    "heights_in_pile",
+    "rest_of",
+    "section_of_drum",
+    "section_of_pile",
+    "slab_of",
+]
 
 
-def section_of_pile(slopes: list[Slope]) -> tuple[Floats, Floats]:
-    """Z (z,) [cm] above the floor, and the composition of what was poured on bins of height dz."""
-    dz = slopes[0].grid.dz
-    bins = max(_highest_bin(slope) for slope in slopes)
-    volume = across(slopes, lambda slope: _volume(slope, bins))
-    return (np.arange(bins) + 0.5) * dz, _fractions(volume).transpose(1, 2, 0)
+def heights_in_pile(slopes: list[Slope]) -> Floats:
+    """Z (z,) [cm] above the floor of the bins that hold what was poured."""
+    bins = max(int((slope.first_bin + slope.flow.top).max()) + _layer_bins(slope) for slope in slopes)
+    return (np.arange(bins + 1) + 0.5) * slopes[0].grid.dz
 
 
-def section_of_drum(slope: Slope, radius: float) -> tuple[Floats, Floats]:
-    """Z (z,) [cm] above the lowest point of a drum of that `radius` [cm], and what fills it.
+def section_of_pile(slabs: Iterable[Slab], shape: tuple[int, int, int], low: int) -> Floats:
+    """Composition of slabs on a grid of `shape` (z, x, species), from bin `low` up.
+
+    NaN where nothing was poured.
+    """
+    fraction = np.full(shape, np.nan)
+    for slab in slabs:
+        column = np.repeat(np.arange(shape[1]), np.diff(slab.ends))
+        row = np.arange(len(slab.pieces)) + (slab.bottom - slab.ends[:-1] - low)[column]
+        total = slab.pieces.sum(axis=1)
+        there = (row >= 0) & (row < shape[0]) & (total > 0)
+        fraction[row[there], column[there]] = slab.pieces[there] / total[there, None]
+    return fraction
+
+
+def rest_of(slopes: list[Slope]) -> Slab:
+    """What piles have in memory: sealed bins, the open one, and the surface layer upon it."""
+    shares = [share for slope in slopes for share in _columns(slope)[:: slope.direction]]
+    bottom = across(slopes, lambda slope: slope.first_bin + slope.flow.buried)
+    return slab_of(bottom, shares)
+
+
+def slab_of(bottom: Ints, shares: list[Floats]) -> Slab:
+    """A slab of what each column holds, (bin, species) [cm], from its `bottom` (column,) on."""
+    counts = np.array([len(share) for share in shares])
+    return Slab(bottom, bottom + counts, np.append(0, np.cumsum(counts)), np.concatenate(shares))
+
+
+def _columns(slope: Slope) -> list[Floats]:
+    """Thickness of each species in the bins of each cell, (bin, species)."""
+    flow, layer_bins, columns = slope.flow, _layer_bins(slope), []
+    for i in range(len(slope.x)):
+        sealed = int(flow.sealed[i])
+        column = np.zeros((sealed + 1 + layer_bins, len(flow.rolling)))
+        places = (flow.buried[i] + np.arange(sealed)) % flow.tape.shape[2]
+        column[:sealed] = flow.tape[:, i, places].T
+        column[sealed] = flow.filling[:, i]
+        rigid = flow.rigid[i] if flow.top[i] == 0 else 0.0
+        _lay_on_top(column[sealed:], flow.surface[:, i], rigid, slope.grid.dz)
+        columns.append(column)
+    return columns
+
+
+def _layer_bins(slope: Slope) -> int:
+    """Bins that the surface layer may reach into, above the open one."""
+    return math.ceil(float(slope.flow.surface.sum(axis=0).max()) / slope.grid.dz) + 1
+
+
+def _lay_on_top(column: Floats, layer: Floats, rigid: float, dz: float) -> None:
+    """Put the surface layer (species,) onto the bins (bin, species), of which the first is open."""
+    left = layer.sum()
+    mixture = layer / left if left > 0 else layer
+    for k, held in enumerate(column.sum(axis=1)):
+        room = dz - held - (rigid if k == 0 else 0.0)
+        part = min(max(room, 0.0), left)
+        column[k] += part * mixture
+        left -= part
+
+
+def heights_in_drum(slope: Slope) -> Floats:
+    """Z (z,) [cm] above the lowest point of a drum."""
+    return (np.arange(len(slope.x)) + 0.5) * slope.grid.dx
+
+
+def section_of_drum(slope: Slope, radius: float) -> Floats:
+    """Composition (z, x, species) of what fills a drum of that `radius` [cm].
 
     A point at distance r from the axis, at an angle below the level of the axis downhill, lies at
     the arc length r * angle along the tape of its half ring.
     """
     dx, flow = slope.grid.dx, slope.flow
-    z = (np.arange(len(slope.x)) + 0.5) * dx
-    x, y = np.meshgrid(slope.x, z - radius)
+    x, y = np.meshgrid(slope.x, heights_in_drum(slope) - radius)
     ring = (np.hypot(x, y) / dx).astype(np.int64)
     angle = np.mod(np.arctan2(-y, x) + np.pi / 2, 2 * np.pi) - np.pi / 2
     half = len(slope.x) // 2
@@ -36,7 +106,7 @@ def section_of_drum(slope: Slope, radius: float) -> tuple[Floats, Floats]:
         here = ring == k
         arc = flow.height[half + k] - radius + angle[here] * (k + 0.5) * dx
         fraction[:, here] = _on_tape(_whole_tape(flow, half + k), arc)
-    return z, fraction.transpose(1, 2, 0)
+    return fraction.transpose(1, 2, 0)
 
 
 def _whole_tape(flow: Flow, i: int) -> Floats:
@@ -58,51 +128,3 @@ def _on_tape(pieces: Floats, arc: Floats) -> Floats:
     at = np.minimum(np.searchsorted(ends, arc, side="right"), len(ends) - 1)
     inside = (arc >= 0.0) & (arc < ends[-1])
     return np.where(inside, (pieces / thickness)[:, at], np.nan)
-
-
-def _first_bins(slope: Slope) -> Ints:
-    return np.asarray(np.floor(slope.base / slope.grid.dz).astype(np.int64))
-
-
-def _layer_bins(slope: Slope) -> int:
-    """Bins that the surface layer may reach into, above the open one."""
-    return math.ceil(float(slope.flow.surface.sum(axis=0).max()) / slope.grid.dz) + 1
-
-
-def _highest_bin(slope: Slope) -> int:
-    return int((_first_bins(slope) + slope.flow.top).max()) + 1 + _layer_bins(slope)
-
-
-def _volume(slope: Slope, bins: int) -> Floats:
-    """Thickness of each species in each bin above the floor, (species, bin, cell)."""
-    flow, dz = slope.flow, slope.grid.dz
-    first, layer_bins = _first_bins(slope), _layer_bins(slope)
-    volume = np.zeros((len(flow.rolling), bins, len(slope.x)))
-    for i in range(len(slope.x)):
-        used = int(flow.top[i]) + 1
-        column = np.zeros((len(volume), used + layer_bins))
-        column[:, : used - 1] = flow.tape[:, i, : used - 1]
-        column[:, used - 1] = flow.filling[:, i]
-        _lay_on_top(column, flow.surface[:, i], used - 1, flow.rigid[i], dz)
-        volume[:, first[i] : first[i] + used + layer_bins, i] = column
-    return volume
-
-
-def _lay_on_top(column: Floats, layer: Floats, top: int, rigid: float, dz: float) -> None:
-    """Put the surface layer (species,) onto a column (species, bin), from bin `top` up."""
-    left = layer.sum()
-    mixture = layer / left if left > 0 else layer
-    while left > 0 and top < column.shape[1]:
-        room = dz - column[:, top].sum() - (rigid if top == 0 else 0.0)
-        part = min(max(room, 0.0), left)
-        column[:, top] += part * mixture
-        left -= part
-        top += 1
-
-
-def _fractions(volume: Floats) -> Floats:
-    """Shares of the species in each bin; NaN where it is empty."""
-    total = volume.sum(axis=0)
-    fraction = np.full_like(volume, np.nan)
-    np.divide(volume, total, out=fraction, where=total > 0)
-    return fraction

@@ -7,16 +7,18 @@ A drum is one, from rim to rim, with the body below it and its axis at x = 0.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from continuum.kernel import advance, find_composition
+from continuum.kernel import Advance, advance, find_composition
 from continuum.law import Law
-from continuum.state import Flow, Grid, bare_flow, with_more_bins
+from continuum.state import Flow, Grid, bare_flow
 from experiment import Experiment
-from experiment.arrays import Floats
+from experiment.arrays import Floats, Ints
 
-__all__ = ["Slope", "across", "lent_to_the_flow", "slopes_of"]
+__all__ = ["FIRST_BINS", "Slope", "across", "lent_to_the_flow", "slopes_of"]
 
 
 FIRST_BINS = 64
@@ -33,16 +35,19 @@ class Slope:
     flow: Flow
     law: Law
 
-    def advance(self, velocity: Floats, inflow: Floats) -> int:
-        """Take a step per row of `inflow` (step, species) [cm]; the most sub-steps one needed."""
-        most = 0
-        while len(inflow):
-            steps, substeps = advance(self.flow, self.law, self.grid, velocity, inflow)
-            most = max(most, substeps)
-            inflow = inflow[steps:]
-            if len(inflow):
-                self.flow = with_more_bins(self.flow)
-        return most
+    def advance(self, velocity: Floats, inflow: Floats) -> Advance:
+        """Take a step per row of `inflow` (step, species) [cm], as far as the tapes last."""
+        return advance(self.flow, self.law, self.grid, velocity, inflow)
+
+    @property
+    def direction(self) -> int:
+        """Whether x grows downhill, 1, or uphill, -1."""
+        return 1 if self.x[-1] > self.x[0] else -1
+
+    @property
+    def first_bin(self) -> Ints:
+        """The bin of height (cell,) above the floor in which what is poured begins."""
+        return np.asarray(np.floor(self.base / self.grid.dz).astype(np.int64))
 
     @property
     def composition(self) -> Floats:
@@ -59,14 +64,10 @@ class Slope:
         return np.asarray(lying * self.grid.dx)
 
 
-def across(slopes: list[Slope], values: Callable[[Slope], Floats]) -> Floats:
+def across(slopes: list[Slope], values: Callable[[Slope], NDArray[Any]]) -> NDArray[Any]:
     """`values` (..., cell) of all slopes in the order of the archive, x growing."""
-    parts = [values(slope)[..., :: _direction(slope)] for slope in slopes]
+    parts = [values(slope)[..., :: slope.direction] for slope in slopes]
     return np.concatenate(parts, axis=-1)
-
-
-def _direction(slope: Slope) -> int:
-    return 1 if slope.x[-1] > slope.x[0] else -1
 
 
 def slopes_of(experiment: Experiment, grid: Grid, cells: int, law: Law) -> list[Slope]:
@@ -134,6 +135,7 @@ def _half_full(experiment: Experiment, base: Floats, x: Floats, grid: Grid, law:
         up=up,
         top=np.where(up > 0, sealed[row], -1),
         sealed=sealed,
+        buried=np.zeros_like(sealed),
         rigid=np.zeros(cells),
         rigid_fraction=composition[:, 0].copy(),
         outflow=np.zeros(len(composition)),

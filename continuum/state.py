@@ -3,7 +3,7 @@
 A slope runs downhill, cell by cell, from the pouring point (or the upper rim of a drum) to a wall
 or an open end. Grains at rest lie in three places: the surface layer of thickness d; the open bin
 below it, which is being filled; and a tape of sealed bins of height dz. In a silo each cell has a
-tape of its own, with a fixed bottom. In a drum, whose body turns rigidly, a tape runs along the
+tape of its own, with a fixed bottom, of which the lowest bins may be handed on. In a drum, whose body turns rigidly, a tape runs along the
 half ring of one radius: both its ends are surface, the cells at x = r and x = -r.
 """
 
@@ -43,7 +43,8 @@ class Flow(NamedTuple):
     row: Ints  # (cell,) the cell's tape
     up: Ints  # (cell,) +1 or -1: which way along the tape is upwards
     top: Ints  # (cell,) the place on the tape of the open bin
-    sealed: Ints  # (row,) how many bins of the tape are sealed
+    sealed: Ints  # (row,) how many bins of the tape are sealed and in memory
+    buried: Ints  # (row,) how many more lie below these, handed on as slabs
     rigid: Floats  # (cell,) cm; how much of bin 0 the surface of before pouring takes up
     rigid_fraction: Floats  # (species,) its composition
     outflow: Floats  # (species,) cm; what fell off the open end, as thickness of one cell
@@ -62,6 +63,7 @@ def bare_flow(height: Floats, rigid_fraction: Floats, bins: int) -> Flow:
         up=np.ones(len(height), dtype=np.int64),
         top=np.zeros(len(height), dtype=np.int64),
         sealed=np.zeros(len(height), dtype=np.int64),
+        buried=np.zeros(len(height), dtype=np.int64),
         rigid=np.zeros(len(height)),
         rigid_fraction=rigid_fraction.copy(),
         outflow=np.zeros(len(rigid_fraction)),

@@ -7,6 +7,7 @@ from experiment.errors import (
     OutputExistsError,
     PictureError,
     SetupError,
+    StoppedError,
     StratifyError,
 )
 from experiment.experiment import Experiment, Pour, Published
@@ -32,6 +33,7 @@ __all__ = [
     "SetupError",
     "Sine",
     "Source",
+    "StoppedError",
     "StratifyError",
     "Table",
     "load",

@@ -6,6 +6,7 @@ __all__ = [
     "OutputExistsError",
     "PictureError",
     "SetupError",
+    "StoppedError",
     "StratifyError",
 ]
 
@@ -28,6 +29,10 @@ class ArchiveError(StratifyError):
 
 class OutputExistsError(StratifyError):
     """An output is there already, and nobody said that it may be replaced."""
+
+
+class StoppedError(StratifyError):
+    """A pour was told to stop, and did so where it can go on from."""
 
 
 class PictureError(StratifyError):

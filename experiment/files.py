@@ -8,7 +8,7 @@ from pathlib import Path
 
 from experiment.errors import ArchiveError, OutputExistsError
 
-__all__ = ["make_folder", "refuse_existing", "whole_file"]
+__all__ = ["make_folder", "put_in_place", "refuse_existing", "whole_file", "writing"]
 
 
 def refuse_existing(paths: Iterable[Path], *, force: bool) -> None:
@@ -37,19 +37,42 @@ def whole_file(path: Path, *, force: bool = False) -> Iterator[Path]:
     :class:`ArchiveError` where it cannot be written.
     """
     refuse_existing([path], force=force)
-    try:
+    with writing(path):
         make_folder(path.parent)
         handle, name = tempfile.mkstemp(path.suffix, f".{path.stem}.part-", path.parent)
         os.close(handle)
         part = Path(name)
         try:
             yield part
-            with part.open("rb") as whole:
-                os.fsync(whole.fileno())
             part.chmod(0o644)
-            part.replace(path)
+            put_in_place(part, path)
         finally:
             part.unlink(missing_ok=True)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Raise :class:`ArchiveError` where what is to become `path` cannot be written."""
+    try:
+        yield
     except (OSError, RuntimeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise ArchiveError(f"{str(path)!r} cannot be written: {reason}") from None
+
+
+def put_in_place(part: Path, path: Path) -> None:
+    """Let the finished file `part` take the name of `path`, in the same folder or below, for good.
+
+    First its content is on the disk, then its name.
+    """
+    _sync(part)
+    part.replace(path)
+    _sync(path.parent)
+
+
+def _sync(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -12,14 +12,14 @@ from experiment.variables import COORDINATES, VARIABLES
 __all__ = ["Recorder", "edges_of_steps", "record_steps"]
 
 MOST_STEPS = 10**9
-BLOCK = 65_536
 
 
 def record_steps(pour: Pour, dt: float) -> list[int]:
     """The steps after which a record is kept, from 0 on, for a model whose step lasts `dt` [s].
 
-    Records are evenly spaced in time as far as whole steps allow; none is kept twice. Raises
-    :class:`SetupError` for a pour of more steps than anybody would wait for.
+    Records are evenly spaced in time as far as whole steps allow; none is kept twice. A pour that
+    is longer at the same spacing has the same records, and more. Raises :class:`SetupError` for a
+    pour of more steps than anybody would wait for.
     """
     last = max(1, round(pour.duration / dt))
     if last > MOST_STEPS:
@@ -27,34 +27,52 @@ def record_steps(pour: Pour, dt: float) -> list[int]:
             f"pour.duration = {pour.duration:g}: it makes {last:.2g} steps of {dt:.2g} s; "
             f"it should make at most {MOST_STEPS:.0e}"
         )
-    return sorted({round(k * last / pour.records) for k in range(pour.records + 1)})
+    interval = pour.duration / pour.records
+    steps = (round(k * interval / dt) for k in range(pour.records))
+    return sorted({*(step for step in steps if step < last), last})
 
 
-def edges_of_steps(first: int, last: int, dt: float) -> Iterator[Floats]:
+def edges_of_steps(first: int, last: int, dt: float, block: int) -> Iterator[Floats]:
     """Times [s] at which the steps from `first` up to `last` begin and the last one ends.
 
-    In blocks that fit into memory.
+    In blocks of `block` steps.
     """
-    for start in range(first, last, BLOCK):
-        yield np.arange(start, min(start + BLOCK, last) + 1) * dt
+    for start in range(first, last, block):
+        yield np.arange(start, min(start + block, last) + 1) * dt
 
 
 class Recorder:
-    """The variables along `time`, one record at a time."""
+    """The variables along `time`, one record at a time; room for so many at once."""
 
-    def __init__(self, records: int, cells: int, species: int) -> None:
-        sizes = {"time": records, "x": cells, "species": species}
-        table = COORDINATES | VARIABLES
-        self.arrays: dict[str, Floats] = {
+    def __init__(self, room: int, columns: int, species: int) -> None:
+        sizes = {"time": room, "x": columns, "species": species}
+        self.room = room
+        self.kept = 0
+        self._arrays: dict[str, Floats] = {
             name: np.full([sizes[dim] for dim in variable.dims], np.nan)
-            for name, variable in table.items()
+            for name, variable in (COORDINATES | VARIABLES).items()
             if "time" in variable.dims
         }
 
-    def keep(self, record: int, **values: float | Floats) -> None:
+    @property
+    def arrays(self) -> dict[str, Floats]:
+        """What is kept, each variable (time, ...)."""
+        return {name: values[: self.kept] for name, values in self._arrays.items()}
+
+    def keep(self, **values: float | Floats) -> None:
         """Keep one record; `values` must name every variable along `time`."""
-        if set(values) != set(self.arrays):
-            odd = sorted(set(values) ^ set(self.arrays))
-            raise ArchiveError(f"record {record}: {odd[0]!r} is missing or unknown")
+        if set(values) != set(self._arrays):
+            odd = sorted(set(values) ^ set(self._arrays))
+            raise ArchiveError(f"record {self.kept}: {odd[0]!r} is missing or unknown")
         for name, value in values.items():
-            self.arrays[name][record] = value
+            self._arrays[name][self.kept] = value
+        self.kept += 1
+
+    @property
+    def is_full(self) -> bool:
+        """Whether there is no room for another record."""
+        return self.kept == self.room
+
+    def forget(self) -> None:
+        """Make room again."""
+        self.kept = 0

@@ -39,7 +39,7 @@ def volume(flow: Flow) -> np.ndarray:
 def take(flow: Flow, law: Law, grid: Grid, velocity: np.ndarray, inflow: np.ndarray) -> Flow:
     """Take all steps of `inflow`, with more bins where the pile needs them."""
     while len(inflow):
-        inflow = inflow[advance(flow, law, grid, velocity, inflow)[0] :]
+        inflow = inflow[advance(flow, law, grid, velocity, inflow).steps :]
         if len(inflow):
             flow = with_more_bins(flow)
     return flow

@@ -214,9 +214,9 @@ def test_an_archive_that_runs_backwards_is_refused(archive: xr.Dataset, tmp_path
 
 
 def test_a_recorder_takes_whole_records_only() -> None:
-    recorder = Recorder(records=2, cells=3, species=2)
+    recorder = Recorder(room=2, columns=3, species=2)
     with pytest.raises(ArchiveError, match="'colour' is missing or unknown"):
-        recorder.keep(0, **dict.fromkeys(recorder.arrays, 0.0), colour=1.0)
+        recorder.keep(**dict.fromkeys(recorder.arrays, 0.0), colour=1.0)
 
 
 @pytest.mark.parametrize(("duration", "dt"), [(10.0, 1.0), (10.0, 0.3), (1.0, 0.4), (0.1, 7.0)])

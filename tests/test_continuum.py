@@ -12,7 +12,7 @@ from continuum.kernel import advance, find_composition
 from continuum.law import interaction, positive_part
 from continuum.limiters import LIMITERS, limited
 from continuum.run import Resolution
-from continuum.section import section_of_drum
+from continuum.section import heights_in_drum, section_of_drum
 from continuum.slopes import slopes_of
 from continuum.state import SCHEMES, Grid
 from experiment import Experiment, Mixture, NotApplicableError, SetupError, load, preset_text
@@ -404,7 +404,7 @@ def test_a_section_through_a_drum_shows_each_half_where_it_lies() -> None:
     for row, count in enumerate(slope.flow.sealed):
         uphill = slice(0, count // 2)
         slope.flow.tape[:, row, uphill] = slope.flow.tape[::-1, row, uphill]
-    z, fraction = section_of_drum(slope, 10.0)
+    z, fraction = heights_in_drum(slope), section_of_drum(slope, 10.0)
     below = (z > 1.0) & (z < 8.0)
     assert np.nanmin(fraction[below][:, 110:130, 0]) > 0.99, "downhill: small"
     assert np.nanmin(fraction[below][:, 70:90, 1]) > 0.99, "uphill: large"

@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 import ca_model
 from ca_model.arrivals import Arrivals
-from ca_model.deposit import Deposit
+from experiment.slabs import Deposit
 from ca_model.lattice import MANY, Ground, Rule, lattice_of
 from ca_model.pile import Pile
 from ca_model.reference import ReferencePile
-from ca_model.run import Feeding
+from ca_model.feeding import Feeding
 from experiment import NotApplicableError, SetupError, load
 from experiment.recorder import edges_of_steps
 
@@ -124,7 +124,7 @@ def test_every_step_conserves_each_species_exactly(setup: Setup) -> None:
         grown = (pile.height - setup.ground.height).sum()
         assert grown == pile.grains_at_rest @ setup.rule.grain_height
     pile.flush()
-    counted = sum(np.bincount(slab.grains, minlength=len(fed)) for slab in deposit)
+    counted = sum(np.bincount(slab.pieces, minlength=len(fed)) for slab in deposit)
     assert (counted == pile.grains_at_rest).all()
 
 
@@ -258,7 +258,7 @@ def test_a_source_that_moves_is_where_it_is_in_the_middle_of_a_step() -> None:
     """Columns are 1 cm wide and steps 1 s long: from 0.3 to 2.3 cm it is at 1.3 in the middle."""
     path = "feed.source={time=[0.0, 1.0, 2.0], x=[0.3, 2.3, 2.4]}"
     experiment = load("lattice-stratification", ["cell.shape=heap", "cell.length=5.0", path])
-    ((_, source),) = Feeding(experiment, lattice_of(experiment)).until(2)
+    _, source = Feeding(experiment, lattice_of(experiment)).take(np.arange(3.0))
     assert source.tolist() == [5 + 1, 5 + 2]
 
 
@@ -269,7 +269,7 @@ def test_species_of_different_speed_do_not_apply() -> None:
 
 def test_a_fixed_feed_keeps_up_with_any_rate_however_it_is_asked() -> None:
     slow, fed = Arrivals.start("fixed", np.array([0.3])), 0
-    for edges in edges_of_steps(0, 10**7, 1.0):
+    for edges in edges_of_steps(0, 10**7, 1.0, 65_536):
         fed += int(slow.take(np.full((len(edges) - 1, 1), 0.3)).sum())
     assert fed == 3_000_000
     many = Arrivals.start("fixed", np.array([150.0]))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import ca_model
-from ca_model.deposit import Deposit
+from experiment.slabs import Deposit
 from ca_model.lattice import lattice_of
 from ca_model.run import bare_pile, recorded
 from ca_model.stream import pour_to_disk, read_section, slabs_of

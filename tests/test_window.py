@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ca_model.pile
-from ca_model.deposit import Deposit
+from experiment.slabs import Deposit
 from ca_model.kernel.packets import follow_packets
 from ca_model.lattice import MANY, Ground, Rule
 from ca_model.pile import Pile

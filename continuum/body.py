@@ -1,0 +1,120 @@
+"""What lies at rest below the slopes: tapes in memory, and what they hand on.
+
+A tape grows with its pile up to as many bins as the pile is high from toe to top; from then on the
+lower half of what is sealed is handed on as a slab whenever the tape is full, and taken back if
+erosion comes near it. So memory holds as much however long it is poured, and nothing is lost.
+"""
+
+import numpy as np
+
+from continuum.kernel import BARE, DONE
+from continuum.section import rest_of, slab_of
+from continuum.slopes import Slope, across
+from continuum.state import Flow, with_more_bins
+from experiment.arrays import Floats, Ints
+from experiment.slabs import Slab, Slabs
+from experiment.state import State, arrays_of, put_back
+
+__all__ = ["Body"]
+
+
+class Body:
+    """The slopes of a pile and what lies below them, down to the floor."""
+
+    def __init__(self, slopes: list[Slope], slabs: Slabs, most_bins: int) -> None:
+        self.slopes = slopes
+        self._slabs = slabs
+        self._most_bins = most_bins
+        self._handed_on = np.zeros(len(slopes[0].flow.rolling))  # cm2 (species,)
+
+    def advance(self, slope: Slope, velocity: Floats, inflow: Floats) -> int:
+        """Take a step per row of `inflow` (step, species) [cm]; the most sub-steps one needed."""
+        most = 0
+        while True:
+            steps, substeps, why = slope.advance(velocity, inflow)
+            inflow, most = inflow[steps:], max(most, substeps)
+            if why == DONE:
+                return most
+            if why == BARE:
+                self._take_back()
+            else:
+                self._make_room(slope)
+
+    @property
+    def volume(self) -> Floats:
+        """Volume (species,) [cm2] of what lies still, but for the rigid surface."""
+        return self._handed_on + sum(slope.volume_at_rest for slope in self.slopes)
+
+    @property
+    def floor(self) -> Ints:
+        """The lowest bin (column,) above the floor that is in memory; 0 in a drum."""
+        if self.slopes[0].grid.turning_rate > 0.0:
+            return np.zeros(len(self.slopes[0].x), dtype=np.int64)
+        return across(self.slopes, lambda slope: slope.first_bin + slope.flow.buried)
+
+    def rest(self) -> Slab:
+        """All that is in memory."""
+        return rest_of(self.slopes)
+
+    def _make_room(self, slope: Slope) -> None:
+        bins, turns = slope.flow.tape.shape[2], slope.grid.turning_rate > 0.0
+        if bins < self._most_bins or turns or (slope.flow.sealed <= bins // 2).all():
+            slope.flow = with_more_bins(slope.flow)
+        else:
+            self._hand_on()
+
+    def _hand_on(self) -> None:
+        """Lay as a slab what every tape holds beyond half of its places."""
+        bottom, shares = self.floor, []
+        for slope in self.slopes:
+            flow = slope.flow
+            counts = np.maximum(flow.sealed - flow.tape.shape[2] // 2, 0)
+            shares += [_lowest(flow, i, count) for i, count in enumerate(counts)][:: slope.direction]
+            flow.sealed[:] -= counts
+            flow.buried[:] += counts
+        slab = slab_of(bottom, shares)
+        self._slabs.lay(slab)
+        self._handed_on += slab.pieces.sum(axis=0) * self.slopes[0].grid.dx
+
+    def _take_back(self) -> None:
+        """Put the topmost slab back under what the tapes hold."""
+        slab, column = self._slabs.take_back(), 0
+        self._handed_on -= slab.pieces.sum(axis=0) * self.slopes[0].grid.dx
+        for slope in self.slopes:
+            counts = np.diff(slab.ends)[column : column + len(slope.x)][:: slope.direction]
+            while (slope.flow.sealed + counts).max() >= slope.flow.tape.shape[2]:
+                slope.flow = with_more_bins(slope.flow)
+            flow = slope.flow
+            flow.sealed[:] += counts
+            flow.buried[:] -= counts
+            for i, count in enumerate(counts):
+                place = column + (i if slope.direction > 0 else len(slope.x) - 1 - i)
+                flow.tape[:, i, _places(flow, i, count)] = slab.share(place).T
+            column += len(slope.x)
+
+    def state(self) -> State:
+        """All that changes."""
+        flows = [arrays_of(slope.flow, f"slope_{k}_") for k, slope in enumerate(self.slopes)]
+        return {"handed_on": self._handed_on} | {n: a for flow in flows for n, a in flow.items()}
+
+    def restore(self, state: State) -> None:
+        """Go on from a state."""
+        for k, slope in enumerate(self.slopes):
+            tape = state[f"slope_{k}_tape"]
+            if tape.ndim != 3 or tape.shape[:2] != slope.flow.tape.shape[:2]:
+                raise ValueError("its tapes are not those of this set-up")
+            slope.flow = slope.flow._replace(tape=np.zeros(tape.shape))
+        put_back(self.state(), state)
+
+
+def _places(flow: Flow, i: int, count: int) -> Ints:
+    """Where on its tape the lowest `count` bins of cell i are."""
+    return (flow.buried[i] + np.arange(count)) % flow.tape.shape[2]
+
+
+def _lowest(flow: Flow, i: int, count: int) -> Floats:
+    """The lowest bins of cell i that are in memory, taken off its tape: (bin, species) [cm]."""
+    places = _places(flow, i, count)
+    taken = flow.tape[:, i, places].T
+    flow.tape[:, i, places] = 0.0
+    return taken

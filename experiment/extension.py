@@ -1,0 +1,84 @@
+"""Pouring on from a finished archive: what it holds stays, and the pour goes on where it ended."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from experiment.archive import opened
+from experiment.arrays import Floats, Ints
+from experiment.digest import DIGEST
+from experiment.errors import ArchiveError, SetupError
+from experiment.experiment import Experiment
+from experiment.provenance import difference_of_setups
+from experiment.state import State
+from experiment.variables import VARIABLES
+
+__all__ = ["STATE", "Base", "extended"]
+
+STATE = "state"  # the group of an archive that a longer pour goes on from
+ROWS = 2**24  # bytes of records that are read at once
+WHOLE = 1e-9
+
+
+def extended(asked: Experiment, there: Experiment) -> Experiment:
+    """The longer pour that is `asked` for, recorded as often as the one that is `there`.
+
+    Raises :class:`SetupError` where it is another set-up, or not longer by whole intervals between
+    records.
+    """
+    as_long = asked.pour.model_copy(
+        update={"duration": there.pour.duration, "records": there.pour.records}
+    )
+    if other := difference_of_setups(there, asked.model_copy(update={"pour": as_long})):
+        raise SetupError(f"only a pour of the same set-up can be extended: {other}")
+    interval = there.pour.duration / there.pour.records
+    records = asked.pour.duration / interval
+    longer = asked.pour.duration > there.pour.duration
+    if not longer or abs(records - round(records)) > WHOLE * records:
+        raise SetupError(
+            f"pour.duration = {asked.pour.duration:g}: to extend a pour of "
+            f"{there.pour.duration:g} s it should be longer by whole intervals of {interval:g} s"
+        )
+    if asked.pour.records not in (there.pour.records, round(records)):
+        raise SetupError(
+            f"pour.records = {asked.pour.records}: an extended pour is recorded as often as "
+            f"before, here {round(records)} times"
+        )
+    pour = asked.pour.model_copy(update={"records": round(records)})
+    return asked.model_copy(update={"pour": pour})
+
+
+@dataclass(frozen=True)
+class Base:
+    """An archive that a longer pour goes on from, and keeps as it is below a `floor`."""
+
+    path: Path
+    digest: str  # that tells whether it still is the same
+    floor: Ints  # (column,) the lowest bin of the deposit that the longer pour tells of
+
+    def refuse_another(self) -> None:
+        """Raise :class:`ArchiveError` where there is another archive now."""
+        with opened(self.path) as archive:
+            if archive.attrs.get(DIGEST) != self.digest:
+                raise ArchiveError(f"{str(self.path)!r} is not the archive that was being extended")
+
+    def recorded(self) -> Iterator[tuple[int, State]]:
+        """The records by and by: the number of a first one, and variables from it on."""
+        names = [name for name, variable in VARIABLES.items() if "time" in variable.dims]
+        with opened(self.path) as archive:
+            records = archive.sizes["time"]
+            size = sum(archive[name].nbytes for name in names) // records
+            for first in range(0, records, max(1, ROWS // size)):
+                block = archive[names].isel(time=slice(first, first + max(1, ROWS // size)))
+                yield first, {name: block[name].values for name in names}
+
+    def below(self, band: Floats, low: int) -> Floats:
+        """Rows of the deposit (z, x, species) from bin `low` up, those below the floor from here."""
+        whole = band.copy()
+        with opened(self.path) as archive:
+            there = archive["deposit_fraction"].isel(z=slice(low, low + len(band))).values
+        old = (low + np.arange(len(there)))[:, None] < self.floor
+        whole[: len(there)][old] = there[old]
+        return whole
