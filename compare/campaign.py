@@ -91,7 +91,7 @@ def _at_once(jobs: Jobs, workers: int) -> Outcomes:
     """The outcomes as they come; when this process ends or is stopped, so are the others."""
     pool = ProcessPoolExecutor(workers, multiprocessing.get_context(START), initializer=_start)
     try:
-        with _deaf_to_the_keyboard():
+        with _interrupts_after():
             numbers: dict[Future[Outcome], int] = {
                 pool.submit(_outcome, *job): number for number, job in enumerate(jobs)
             }
@@ -107,22 +107,28 @@ def _at_once(jobs: Jobs, workers: int) -> Outcomes:
 
 
 @contextmanager
-def _deaf_to_the_keyboard() -> Iterator[None]:
-    """Processes that start within hear no interrupt before they know what to do with one."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _interrupts_after() -> Iterator[None]:
+    """What is pressed within is heard after it, here and by the processes that start within."""
+    pressed: list[int] = []
+    in_main_thread = threading.current_thread() is threading.main_thread()
+    if in_main_thread:  # other threads may take the signal, and it would be raised in this one
+        handler = signal.signal(signal.SIGINT, lambda number, _: pressed.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # processes inherit it
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if in_main_thread:
+            signal.signal(signal.SIGINT, handler)
+        if pressed:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _start() -> None:
     """Make a worker end with its parent, and without a word when stopped from the keyboard."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 def _end_with_parent() -> None:

@@ -1,6 +1,11 @@
 """Many pours at once: the same numbers for any number of workers, and one that fails stops none."""
 
 import multiprocessing
+import os
+import signal
+import time
+from concurrent.futures import Future, ProcessPoolExecutor
+from typing import Any
 
 import numpy as np
 import pytest
@@ -73,6 +78,25 @@ def test_a_worker_that_is_ended_from_outside_ends_the_campaign_in_one_line(pours
 
     with pytest.raises(StratifyError, match="ended from outside"):
         campaign(pours[:3] * 4, ["ca_model"], workers=2, progress=end_a_worker)
+
+
+def test_an_interrupt_while_workers_start_is_heard_and_no_worker_says_a_word(
+    pours, monkeypatch, capfd
+) -> None:
+    submit = ProcessPoolExecutor.submit
+
+    def submit_and_interrupt(*job: Any) -> Future:
+        future = submit(*job)
+        time.sleep(0.4)  # until a worker runs Python, not until it knows what it is for
+        for process in [*multiprocessing.active_children(), multiprocessing.current_process()]:
+            os.kill(process.pid, signal.SIGINT)
+        return future
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", submit_and_interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        campaign(pours[:2], ["ca_model"], workers=2)
+    assert multiprocessing.active_children() == []
+    assert capfd.readouterr() == ("", "")
 
 
 def test_progress_grows_to_one(pours) -> None:

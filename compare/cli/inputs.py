@@ -1,0 +1,35 @@
+"""What a user names: a set-up, and the folder with the archives that were poured from one."""
+
+from pathlib import Path
+
+import xarray as xr
+
+import ca_model
+import continuum
+from compare.campaign import POUR
+from experiment import ArchiveError, Experiment, load
+from experiment.archive import read
+
+__all__ = ["archives_of", "folder_of", "load_setup"]
+
+
+def load_setup(setup: str, settings: tuple[str, ...]) -> Experiment:
+    """The set-up, its models' own tables read too, so that a slip in either is found at once."""
+    experiment = load(setup, settings)
+    ca_model.Settings.parse(experiment.ca_model, "ca_model")
+    continuum.Resolution.parse(experiment.continuum, "continuum")
+    return experiment
+
+
+def folder_of(setup: str) -> Path:
+    """Where what is poured from a set-up goes, if the user names no folder."""
+    return Path("pours") / Path(setup).stem
+
+
+def archives_of(folder: Path) -> list[xr.Dataset]:
+    """The archives of a folder, one for each model that poured there."""
+    paths = [folder / f"{name}.nc" for name in POUR]
+    there = [path for path in paths if path.exists()]
+    if not there:
+        raise ArchiveError(f"{str(folder)!r} holds no archive; allowed: a folder that `pour` wrote")
+    return [read(path) for path in there]

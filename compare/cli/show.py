@@ -1,0 +1,30 @@
+"""`stratify show`: draw one archive."""
+
+from pathlib import Path
+
+import click
+
+from compare.cli.options import force_option, path_type
+from compare.cli.terminal import say
+from compare.figure import draw, save
+from experiment.archive import read
+from experiment.files import refuse_existing
+
+__all__ = ["show"]
+
+
+@click.command()
+@click.argument("file", type=path_type)
+@click.option(
+    "-o", "--output", type=path_type, metavar="PICTURE", help="Default: FILE, ending in .png."
+)
+@force_option
+def show(file: Path, output: Path | None, force: bool) -> None:
+    """Draw the deposit and the kymograph of the archive FILE.
+
+    Example: stratify show pours/glass-sugar/continuum.nc -o picture.png
+    """
+    archive = read(file)
+    picture = output or file.with_suffix(".png")
+    refuse_existing([picture], force=force)
+    say(f"wrote {save(draw([archive]), picture, force=force)}")
