@@ -15,7 +15,7 @@ from ca_model.lattice import lattice_of
 from ca_model.run import bare_pile, recorded
 from ca_model.stream import pour_to_disk, read_section, slabs_of
 from experiment import Experiment, NotApplicableError, SetupError, load
-from experiment.archive import read, write
+from experiment.archive import read, seal, write
 from experiment.errors import ArchiveError, OutputExistsError
 
 MEMORY = Path("/proc/self/status")
@@ -206,5 +206,6 @@ def test_grains_that_contradict_the_rest_of_the_file_are_refused(
 ) -> None:
     with netCDF4.Dataset(on_disk, "a") as file:
         file[name][at] = value
+    seal(on_disk, beside=("grain", "captured"))
     with pytest.raises(ArchiveError, match=reason):
         read_section(on_disk)
