@@ -95,10 +95,10 @@ def costs(archive: Path, part: Path, dim: str) -> dict[str, NDArray[Any]]:
 
 def table(title: str, columns: Mapping[str, Mapping[str, NDArray[Any]]]) -> None:
     used = [column["in use"] for column in columns.values()]
-    print(f"{title:18s}" + "".join("{:7.0f}{:5.0f}{:4.0f}".format(*base) for base in used))
+    print(f"{title:18s}" + "".join("{:8.0f}{:5.0f}{:4.0f}".format(*base) for base in used))
     for name in CHANGES:
         ratios = (column[name] / column["in use"] for column in columns.values())
-        print(f"{name:18s}" + "".join("{:7.2f}{:5.1f}{:4.1f}".format(*ratio) for ratio in ratios))
+        print(f"{name:18s}" + "".join("{:8.2f}{:5.1f}{:4.1f}".format(*ratio) for ratio in ratios))
 
 
 def main() -> None:
@@ -112,8 +112,8 @@ def main() -> None:
                 name = f"{preset.partition('-')[0]} {model.__name__}"
                 poured[name] = once(pour) * 1e3
                 records[name], deposits[name] = (costs(archive, part, dim) for dim in ("time", "z"))
-    print(f"{'':18s}" + "".join(f"{name:>16s}" for name in poured))
-    print(f"{'poured in, ms':18s}" + "".join(f"{took:16.0f}" for took in poured.values()))
-    print(f"{'':18s}" + f"{'size write read':>16s}" * len(poured))
+    print(f"{'':18s}" + "".join(f"{name:>17s}" for name in poured))
+    print(f"{'poured in, ms':18s}" + "".join(f"{took:17.0f}" for took in poured.values()))
+    print(f"{'':18s}" + f"{'size write read':>17s}" * len(poured))
     table("records: kB, ms", records)
     table("deposit: kB, ms", deposits)
