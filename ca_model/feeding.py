@@ -45,9 +45,10 @@ class Feeding:
 
     def state(self) -> State:
         """What is due and drawn so far."""
-        sides = {f"side_{k}_": side.state() for k, side in enumerate(self.arrivals)}
-        streams = {side + name: kept for side, state in sides.items() for name, kept in state.items()}
-        return {"poured": self.poured, **streams}
+        state: State = {"poured": self.poured}
+        for k, side in enumerate(self.arrivals):
+            state |= {f"side_{k}_{name}": array for name, array in side.state().items()}
+        return state
 
     def restore(self, state: State) -> None:
         """Go on from a state."""

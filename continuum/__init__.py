@@ -4,6 +4,6 @@ What they say in closed form, and which disturbances grow, is in :mod:`continuum
 """
 
 from continuum.law import Law, interaction, law_of
-from continuum.run import Resolution, check, pour
+from continuum.run import Resolution, begin, check, pour
 
-__all__ = ["Law", "Resolution", "check", "interaction", "law_of", "pour"]
+__all__ = ["Law", "Resolution", "begin", "check", "interaction", "law_of", "pour"]

@@ -69,7 +69,8 @@ class Body:
         for slope in self.slopes:
             flow = slope.flow
             counts = np.maximum(flow.sealed - flow.tape.shape[2] // 2, 0)
-            shares += [_lowest(flow, i, count) for i, count in enumerate(counts)][:: slope.direction]
+            taken = [_lowest(flow, i, count) for i, count in enumerate(counts)]
+            shares += taken[:: slope.direction]
             flow.sealed[:] -= counts
             flow.buried[:] += counts
         slab = slab_of(bottom, shares)
@@ -109,7 +110,7 @@ class Body:
 
 def _places(flow: Flow, i: int, count: int) -> Ints:
     """Where on its tape the lowest `count` bins of cell i are."""
-    return (flow.buried[i] + np.arange(count)) % flow.tape.shape[2]
+    return np.asarray((flow.buried[i] + np.arange(count)) % flow.tape.shape[2])
 
 
 def _lowest(flow: Flow, i: int, count: int) -> Floats:

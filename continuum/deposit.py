@@ -91,14 +91,13 @@ def is_nearly_full(flow: Flow, thickest: float, dz: float) -> bool:
     most = 0
     for row in range(flow.sealed.size):
         most = max(most, flow.sealed[row])
-    return most + 4 + 2 * thickest / dz >= flow.tape.shape[2]
+    return bool(most + 4 + 2 * thickest / dz >= flow.tape.shape[2])
 
 
 @njit(cache=True, error_model="numpy")
 def is_nearly_bare(flow: Flow, deepest: float, dz: float) -> bool:
     """Whether what was handed on could be dug up by `deepest` [cm], the most that a step digs."""
-    bins = deepest / dz + 1.0
+    bare = 0
     for row in range(flow.sealed.size):
-        if flow.buried[row] > 0 and flow.sealed[row] < bins:
-            return True
-    return False
+        bare += flow.buried[row] > 0 and flow.sealed[row] < deepest / dz + 1.0
+    return bare > 0

@@ -8,10 +8,10 @@ import numpy as np
 import xarray as xr
 from pydantic import Field
 
+from continuum.body import Body
 from continuum.kernel import substeps_at
 from continuum.law import Law, law_of
 from continuum.limiters import LIMITERS
-from continuum.body import Body
 from continuum.section import heights_in_drum, heights_in_pile, section_of_drum, section_of_pile
 from continuum.slopes import across, lent_to_the_flow, slopes_of
 from continuum.state import SCHEMES, Grid

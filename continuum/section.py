@@ -22,8 +22,12 @@ __all__ = [
 
 def heights_in_pile(slopes: list[Slope]) -> Floats:
     """Z (z,) [cm] above the floor of the bins that hold what was poured."""
-    bins = max(int((slope.first_bin + slope.flow.top).max()) + _layer_bins(slope) for slope in slopes)
-    return (np.arange(bins + 1) + 0.5) * slopes[0].grid.dz
+    highest = max(_highest_bin(slope) for slope in slopes)
+    return (np.arange(highest + 1) + 0.5) * slopes[0].grid.dz
+
+
+def _highest_bin(slope: Slope) -> int:
+    return int((slope.first_bin + slope.flow.top).max()) + _layer_bins(slope)
 
 
 def section_of_pile(slabs: Iterable[Slab], shape: tuple[int, int, int], low: int) -> Floats:
@@ -56,7 +60,8 @@ def slab_of(bottom: Ints, shares: list[Floats]) -> Slab:
 
 def _columns(slope: Slope) -> list[Floats]:
     """Thickness of each species in the bins of each cell, (bin, species)."""
-    flow, layer_bins, columns = slope.flow, _layer_bins(slope), []
+    flow, layer_bins = slope.flow, _layer_bins(slope)
+    columns: list[Floats] = []
     for i in range(len(slope.x)):
         sealed = int(flow.sealed[i])
         column = np.zeros((sealed + 1 + layer_bins, len(flow.rolling)))

@@ -3,8 +3,9 @@
 A slope runs downhill, cell by cell, from the pouring point (or the upper rim of a drum) to a wall
 or an open end. Grains at rest lie in three places: the surface layer of thickness d; the open bin
 below it, which is being filled; and a tape of sealed bins of height dz. In a silo each cell has a
-tape of its own, with a fixed bottom, of which the lowest bins may be handed on. In a drum, whose body turns rigidly, a tape runs along the
-half ring of one radius: both its ends are surface, the cells at x = r and x = -r.
+tape of its own, with a fixed bottom, of which the lowest bins may be handed on. In a drum, whose
+body turns rigidly, a tape runs along the half ring of one radius: both its ends are surface, the
+cells at x = r and x = -r.
 """
 
 from typing import NamedTuple

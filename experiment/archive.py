@@ -5,27 +5,23 @@ not know; :func:`write` puts it under its final name only once it is complete; :
 whatever is not such a file, or no longer the one that was written (:mod:`experiment.digest`).
 """
 
-import os
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Collection
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-import netCDF4
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from experiment.digest import DIGEST, digest_of, drop_checksum, put_checksum, refuse_damaged
-from experiment.errors import ArchiveError, StratifyError
+from experiment.errors import ArchiveError
 from experiment.experiment import Experiment
-from experiment.files import whole_file
+from experiment.provenance import stamp
+from experiment.storage import read_whole, reading, write_whole
 from experiment.variables import COORDINATES, VARIABLES, Variable
 
 __all__ = [
-    "COMPRESSED",
     "CONVENTIONS",
     "assemble",
     "check",
@@ -34,20 +30,13 @@ __all__ = [
     "lay_out",
     "load",
     "read",
-    "reading",
-    "seal",
-    "store",
     "write",
-    "write_whole",
 ]
 
 CONVENTIONS = "CF-1.11"
 REFERENCES = "H. A. Makse, Phys. Rev. E 56, 7008 (1997), doi:10.1103/PhysRevE.56.7008"
 MODELS = ("ca_model", "continuum")
-COMPRESSED: dict[str, Any] = {"zlib": True, "complevel": 1, "fletcher32": True}
-AS_BYTES: dict[str, Any] = {"dtype": "u1", "_FillValue": np.uint8(255), "complevel": 6}
 ATTRIBUTES = ("Conventions", "title", "source", "history", "references", "model", "experiment")
-MOST_SQUEEZED = 10_000  # bytes of numbers in a byte of a file; deflate does 1032
 
 
 def assemble(
@@ -87,11 +76,9 @@ def lay_out(
         {
             "Conventions": CONVENTIONS,
             "title": experiment.title,
-            "source": f"{model} of stratify {version('stratify')}",
             "history": history("poured"),
             "references": REFERENCES,
-            "model": model,
-            "experiment": experiment.to_toml(),
+            **stamp(model, experiment),
             "seed": experiment.pour.seed,
             **attributes,
         },
@@ -125,51 +112,6 @@ def history(done: str) -> str:
     return f"{now} {done} by stratify {version('stratify')}"
 
 
-def write_whole(
-    dataset: xr.Dataset,
-    path: Path,
-    groups: Mapping[str, xr.Dataset] | None = None,
-    *,
-    force: bool = False,
-) -> Path:
-    """Write any Dataset as netCDF-4 under a temporary name, then rename: whole or absent.
-
-    `groups` are further Datasets, each put into the file's group of that name. Raises
-    :class:`OutputExistsError` where `path` exists and `force` is not given, and
-    :class:`ArchiveError` where it cannot be written.
-    """
-    with whole_file(path, force=force) as part:
-        _put(dataset, part, "w")
-        for name, group in (groups or {}).items():
-            _put(group, part, "a", name)
-        put_checksum(part)
-    return path
-
-
-def store(dataset: xr.Dataset, path: Path, mode: Literal["w", "a"] = "w") -> None:
-    """Put `dataset` into the netCDF-4 file `path`, a new one or (a) one that holds more.
-
-    The digest that the file then carries is that of `dataset`, the checksum that of the file.
-    """
-    if mode == "a":
-        drop_checksum(path)
-    _put(dataset, path, mode)
-    put_checksum(path)
-
-
-def seal(path: Path, beside: Collection[str] = ()) -> None:
-    """Give the finished netCDF-4 file `path` the digest of its root Dataset, and its checksum.
-
-    The Dataset is read in blocks that fit into memory; what the file holds `beside` it is left out.
-    """
-    with xr.open_dataset(path, engine="netcdf4", drop_variables=beside, cache=False) as stored:
-        digest = digest_of(stored)
-    drop_checksum(path)
-    with netCDF4.Dataset(path, "a") as file:
-        file.setncattr(DIGEST, digest)
-    put_checksum(path)
-
-
 def write(dataset: xr.Dataset, path: Path, *, force: bool = False) -> Path:
     """Write an archive whole or not at all; see :func:`write_whole`."""
     return write_whole(check(dataset), path, force=force)
@@ -182,79 +124,16 @@ def read(path: Path) -> xr.Dataset:
 
 def load(path: Path, absent: Collection[str] = (), beside: Collection[str] = ()) -> xr.Dataset:
     """As :func:`read`, of an archive that lacks what is `absent`; what it has `beside` is left."""
+    dataset = read_whole(path, beside=beside)
     with reading(path):
-        refuse_damaged(path)
-        dataset = _intact(path, beside)
         check(dataset, absent)
         _check_experiment(dataset)
-    return dataset
-
-
-@contextmanager
-def reading(path: Path) -> Iterator[None]:
-    """Raise :class:`ArchiveError` where what is read from `path` is not that of a whole archive."""
-    if not os.path.isfile(path):  # which does not raise in a folder that nobody may enter
-        raise ArchiveError(f"{str(path)!r}: no such archive")
-    try:
-        yield
-    except PermissionError as error:
-        raise ArchiveError(f"{str(path)!r} cannot be read: {error.strerror}") from None
-    except StratifyError as error:
-        raise ArchiveError(f"{str(path)!r} is not an archive of a pour: {error}") from None
-    except (OSError, ArithmeticError, AttributeError, LookupError, MemoryError) as error:
-        raise ArchiveError(_not_whole(path, error)) from None
-    except (RuntimeError, TypeError, ValueError) as error:
-        raise ArchiveError(_not_whole(path, error)) from None
-
-
-def _not_whole(path: Path, error: Exception) -> str:
-    reason = " ".join(str(getattr(error, "strerror", None) or error).split())
-    return f"{str(path)!r} is not a whole netCDF-4 archive: {reason}"
-
-
-def _intact(path: Path, beside: Collection[str]) -> xr.Dataset:
-    """The Dataset at `path` without its digest, which it must have and which must be its own."""
-    with xr.open_dataset(
-        path, engine="netcdf4", decode_cf=False, create_default_indexes=False
-    ) as stored:
-        told = stored.attrs.pop(DIGEST, None)
-        if told is None:
-            raise ArchiveError(
-                f"it carries no {DIGEST}: another program wrote it, or an older version of this "
-                "one; `stratify pour` writes it anew"
-            )
-        raw = stored.drop_vars(beside, errors="ignore")
-        if raw.nbytes > MOST_SQUEEZED * path.stat().st_size:
-            raise ArchiveError(f"it is damaged: it claims {raw.nbytes:.2g} bytes of numbers")
-        dataset = xr.decode_cf(raw).load()
-    if digest_of(dataset) != told:
-        raise ArchiveError(f"it is damaged or was changed: its content is not that of {DIGEST}")
     return dataset
 
 
 def experiment_of(dataset: xr.Dataset) -> Experiment:
     """The set-up that an archive carries. Raises :class:`SetupError` where it is unsound."""
     return Experiment.from_toml(str(dataset.attrs.get("experiment", "")))
-
-
-def _put(
-    dataset: xr.Dataset, path: Path, mode: Literal["w", "a"], group: str | None = None
-) -> None:
-    encoding = {
-        name: COMPRESSED | (AS_BYTES if _is_pure(values) else {"_FillValue": None})
-        for name, values in dataset.variables.items()
-        if values.dtype.kind == "f" and values.size > 0 and values.ndim > 0
-    }
-    signed = dataset.assign_attrs({DIGEST: digest_of(dataset)})
-    signed.to_netcdf(path, mode, format="NETCDF4", group=group, engine="netcdf4", encoding=encoding)
-
-
-def _is_pure(values: xr.Variable) -> bool:
-    """Whether fractions are of whole grains: 0, 1, or NaN where there is nothing."""
-    if values.dims != VARIABLES["deposit_fraction"].dims:
-        return False
-    whole = (values.values == 0.0) | (values.values == 1.0) | np.isnan(values.values)
-    return bool(whole.all())
 
 
 def _told_by(experiment: Experiment) -> dict[str, NDArray[Any]]:

@@ -24,16 +24,14 @@ SMOOTH = {"zlib": True, "complevel": 1, "shuffle": True}
 NOISE: dict[str, Any] = {}
 
 
-def encoding_of(
-    name: str, dims: Sequence[str], shape: Sequence[int], *, whole_grains: bool
-) -> dict[str, Any]:
+def encoding_of(name: str, shape: Sequence[int], *, whole_grains: bool) -> dict[str, Any]:
     """How xarray is to store a variable of floats of that shape, none of it 0.
 
     With `whole_grains` records are those of a lattice, and the fractions in a deposit are 0 or 1.
     """
     if name == "deposit_fraction":
         kind = AS_BYTES if whole_grains else SMOOTH
-    elif "time" in dims and len(dims) > 1 and name in VARIABLES:
+    elif name in VARIABLES and "time" in VARIABLES[name].dims:
         kind = WHOLE_NUMBERS if whole_grains else NOISE
     else:
         kind = SMOOTH

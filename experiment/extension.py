@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from experiment.archive import opened
 from experiment.arrays import Floats, Ints
 from experiment.digest import DIGEST
 from experiment.errors import ArchiveError, SetupError
 from experiment.experiment import Experiment
 from experiment.provenance import difference_of_setups
 from experiment.state import State
+from experiment.storage import opened
 from experiment.variables import VARIABLES
 
 __all__ = ["STATE", "Base", "extended"]
@@ -75,7 +75,7 @@ class Base:
                 yield first, {name: block[name].values for name in names}
 
     def below(self, band: Floats, low: int) -> Floats:
-        """Rows of the deposit (z, x, species) from bin `low` up, those below the floor from here."""
+        """Rows of a deposit (z, x, species) from bin `low` up, below the floor of this one."""
         whole = band.copy()
         with opened(self.path) as archive:
             there = archive["deposit_fraction"].isel(z=slice(low, low + len(band))).values

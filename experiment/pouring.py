@@ -18,10 +18,9 @@ from experiment.recorder import Recorder, edges_of_steps, record_steps
 from experiment.slabs import Deposit, Slabs
 from experiment.state import State
 
-__all__ = ["Begin", "Keeper", "Pouring", "pour_in_memory", "run_to_the_end"]
+__all__ = ["Begin", "InMemory", "Keeper", "Pouring", "pour_in_memory", "run_to_the_end"]
 
 Progress = Callable[[float], object]
-
 
 
 class Sliced(Protocol):
@@ -76,7 +75,10 @@ class Keeper(Protocol):
     """Where the records go, and how far the pour has got."""
 
     steps: int
-    records: int
+
+    @property
+    def records(self) -> int:
+        """How many are kept."""
 
     def keep(self, **values: float | Floats) -> None:
         """Keep one record."""
@@ -128,6 +130,4 @@ def pour_in_memory(begin: Begin, experiment: Experiment, progress: Progress | No
     arrays, grid = keeper.recorder.arrays, pouring.grid()
     section = pouring.section(deposit, 0, len(grid["z"]))
     told = pouring.notes(arrays["height"])
-    return assemble(
-        experiment, pouring.model, arrays | grid | {"deposit_fraction": section}, told
-    )
+    return assemble(experiment, pouring.model, arrays | grid | {"deposit_fraction": section}, told)

@@ -7,7 +7,7 @@ that it would have come to anyway.
 from collections.abc import Callable
 from pathlib import Path
 
-from experiment.archive import experiment_of, opened
+from experiment.archive import experiment_of
 from experiment.assembly import assemble_on_disk
 from experiment.errors import OutputExistsError
 from experiment.experiment import Experiment
@@ -15,6 +15,7 @@ from experiment.extension import extended
 from experiment.files import put_in_place, refuse_existing, writing
 from experiment.pouring import Begin, Pouring, Progress, run_to_the_end
 from experiment.provenance import difference, stamp
+from experiment.storage import opened
 from experiment.work import Work, locked
 
 __all__ = ["Finish", "pour_to_file"]
@@ -82,7 +83,9 @@ def _take_up(
         with opened(path) as archive:
             other = difference(archive.attrs, stamp(pouring.model, pouring.experiment))
         if other and not force:
-            raise OutputExistsError(f"{str(path)!r} is of another pour: {other}; --force replaces it")
+            raise OutputExistsError(
+                f"{str(path)!r} is of another pour: {other}; --force replaces it"
+            )
         if not other and not work.is_begun:
             work.clear()
             return False

@@ -20,9 +20,8 @@ import netCDF4
 import numpy as np
 from filelock import FileLock, Timeout
 
-from experiment.archive import opened, read_whole, reading, write_whole
-from experiment.digest import DIGEST
 from experiment.arrays import Floats
+from experiment.digest import DIGEST
 from experiment.errors import ArchiveError, OutputExistsError, StoppedError
 from experiment.extension import STATE, Base
 from experiment.files import make_folder
@@ -31,11 +30,12 @@ from experiment.provenance import difference, stamp
 from experiment.recorder import Recorder, record_steps
 from experiment.slabs import Slab
 from experiment.state import State, arrays_in, bare_dataset
+from experiment.storage import opened, read_whole, reading, write_whole
 
 __all__ = ["Work", "locked", "work_folder"]
 
 CHECKPOINT = "checkpoint.nc"
-ROOM = 2**24  # bytes of records in memory
+ROOM = 2**25  # bytes of records in memory
 
 Records = dict[str, Floats]
 
@@ -132,6 +132,7 @@ class Work:
     def clear(self) -> None:
         """Remove all there is, the checkpoint first."""
         (self.folder / CHECKPOINT).unlink(missing_ok=True)
+        self._record_files, self._slabs = [], []
         self._drop_strays()
 
     def go_on(self, pouring: Pouring, path: Path) -> None:
@@ -208,7 +209,8 @@ class Work:
         for number, lowest, highest in self._slabs:
             if lowest < high and highest > low:
                 with reading(self._slab_file(number)):
-                    yield _part_of_slab(self._slab_file(number), low, high)
+                    part = _part_of_slab(self._slab_file(number), low, high)
+                yield part
 
     def _records_file(self, first: int) -> Path:
         return self.folder / f"records-{first}.nc"

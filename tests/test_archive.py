@@ -14,8 +14,9 @@ import ca_model
 import continuum
 from compare import compare
 from experiment import ArchiveError, Experiment, OutputExistsError, load
-from experiment.archive import assemble, experiment_of, read, write, write_whole
+from experiment.archive import assemble, experiment_of, read, write
 from experiment.recorder import Recorder, record_steps
+from experiment.storage import write_whole
 from experiment.variables import COORDINATES, VARIABLES
 
 TIME_BY_NAME = "check_spatiotemporal_dims_have_coordinate_vars"

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 import ca_model
 from ca_model.arrivals import Arrivals
-from experiment.slabs import Deposit
+from ca_model.feeding import Feeding
 from ca_model.lattice import MANY, Ground, Rule, lattice_of
 from ca_model.pile import Pile
 from ca_model.reference import ReferencePile
-from ca_model.feeding import Feeding
 from experiment import NotApplicableError, SetupError, load
 from experiment.recorder import edges_of_steps
+from experiment.slabs import Deposit
 
 SILO, HEAP = 1, 2
 

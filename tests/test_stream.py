@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 
 import ca_model
-from experiment.slabs import Deposit
 from ca_model.lattice import lattice_of
-from ca_model.run import bare_pile, recorded
 from ca_model.stream import pour_to_disk, read_section, slabs_of
 from experiment import Experiment, NotApplicableError, SetupError, load
-from experiment.archive import read, seal, write
+from experiment.archive import read, write
 from experiment.errors import ArchiveError, OutputExistsError
+from experiment.pouring import InMemory, run_to_the_end
+from experiment.slabs import Deposit
+from experiment.storage import seal
 
 MEMORY = Path("/proc/self/status")
 LOG = 3000  # grains; a small pour makes many slabs of them
@@ -53,7 +54,9 @@ def on_disk(tmp_path: Path) -> Path:
 
 def test_the_disk_holds_the_stacks_that_memory_holds(experiment, tmp_path: Path) -> None:
     lattice, in_memory, from_disk = lattice_of(experiment), Deposit(), Deposit()
-    recorded(experiment, lattice, bare_pile(experiment, lattice, in_memory.lay), None)
+    pouring = ca_model.begin(experiment, in_memory)
+    run_to_the_end(pouring, InMemory(4, pouring.columns, 2))
+    pouring.bury()
     for slab in slabs_of(pour_to_disk(experiment, tmp_path / "pile.nc", log=LOG)):
         from_disk.lay(slab)
     assert len(from_disk.slabs) > 5 > len(in_memory.slabs)

@@ -1,0 +1,142 @@
+"""Datasets in files that are whole or absent, and that say so when they were damaged.
+
+netCDF-4, whatever the Dataset tells of; :mod:`experiment.digest` has what proves a file.
+"""
+
+import os
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Literal
+
+import netCDF4
+import numpy as np
+import xarray as xr
+
+from experiment.digest import DIGEST, digest_of, drop_checksum, put_checksum, refuse_damaged
+from experiment.encoding import encoding_of
+from experiment.errors import ArchiveError, StratifyError
+from experiment.files import whole_file
+
+__all__ = ["opened", "read_whole", "reading", "seal", "store", "write_whole"]
+
+MOST_SQUEEZED = 10_000  # bytes of numbers in a byte of a file; deflate does 1032
+OTHER = (
+    f"it carries no {DIGEST}: another program wrote it, or an older version of this one; "
+    "`stratify pour` writes it anew"
+)
+
+
+def write_whole(
+    dataset: xr.Dataset,
+    path: Path,
+    groups: Mapping[str, xr.Dataset] | None = None,
+    *,
+    force: bool = False,
+) -> Path:
+    """Write any Dataset as netCDF-4 under a temporary name, then rename: whole or absent.
+
+    `groups` are further Datasets, each put into the file's group of that name. Raises
+    :class:`OutputExistsError` where `path` exists and `force` is not given, and
+    :class:`ArchiveError` where it cannot be written.
+    """
+    with whole_file(path, force=force) as part:
+        store(dataset, part)
+        for name, group in (groups or {}).items():
+            store(group, part, "a", name)
+        put_checksum(part)
+    return path
+
+
+def store(
+    dataset: xr.Dataset, part: Path, mode: Literal["w", "a"] = "w", group: str | None = None
+) -> None:
+    """Put `dataset` with its digest into a file that is not finished, a new one or (a) another."""
+    lattice = dataset.attrs.get("model") == "ca_model"
+    encoding = {
+        name: encoding_of(str(name), values.shape, whole_grains=lattice and _is_pure(values))
+        for name, values in dataset.variables.items()
+        if values.dtype.kind == "f" and values.size > 0 and values.ndim > 0
+    }
+    signed = dataset.assign_attrs({DIGEST: digest_of(dataset)})
+    signed.to_netcdf(part, mode, format="NETCDF4", group=group, engine="netcdf4", encoding=encoding)
+
+
+def _is_pure(values: xr.Variable) -> bool:
+    """Whether fractions in a deposit are of whole grains: 0, 1, or NaN where there is nothing."""
+    if "z" not in values.dims:
+        return True
+    whole = (values.values == 0.0) | (values.values == 1.0) | np.isnan(values.values)
+    return bool(whole.all())
+
+
+def seal(part: Path, beside: Collection[str] = ()) -> None:
+    """Give a file that was written bit by bit the digest of its root Dataset, and its checksum.
+
+    The Dataset is read in blocks that fit into memory; what the file holds `beside` it is left out.
+    """
+    with xr.open_dataset(part, engine="netcdf4", drop_variables=beside, cache=False) as stored:
+        digest = digest_of(stored)
+    drop_checksum(part)
+    with netCDF4.Dataset(part, "a") as file:
+        file.setncattr(DIGEST, digest)
+    put_checksum(part)
+
+
+def read_whole(path: Path, group: str | None = None, beside: Collection[str] = ()) -> xr.Dataset:
+    """The Dataset in the file `path`, or in a group of it, in memory and without its digest.
+
+    What is `beside` is left. Raises :class:`ArchiveError` where it is not what was written.
+    """
+    with reading(path):
+        refuse_damaged(path)
+        with xr.open_dataset(
+            path, engine="netcdf4", group=group, decode_cf=False, create_default_indexes=False
+        ) as stored:
+            told = stored.attrs.pop(DIGEST, None)
+            if told is None:
+                raise ArchiveError(OTHER)
+            raw = stored.drop_vars(beside, errors="ignore")
+            if raw.nbytes > MOST_SQUEEZED * path.stat().st_size:
+                raise ArchiveError(f"it is damaged: it claims {raw.nbytes:.2g} bytes of numbers")
+            dataset = xr.decode_cf(raw).load()
+        if digest_of(dataset) != told:
+            raise ArchiveError(f"it is damaged or was changed: its content is not that of {DIGEST}")
+    return dataset
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[xr.Dataset]:
+    """The Dataset in the file `path` with its digest, read from there as it is needed.
+
+    Raises :class:`ArchiveError` as :func:`read_whole`; a file that another program changed is not
+    looked through.
+    """
+    with reading(path):
+        refuse_damaged(path)
+        with xr.open_dataset(path, engine="netcdf4", cache=False) as stored:
+            if DIGEST not in stored.attrs:
+                raise ArchiveError(OTHER)
+            yield stored
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Raise :class:`ArchiveError` where what is read from `path` is not that of a whole archive."""
+    if not os.path.isfile(path):  # which does not raise in a folder that nobody may enter
+        raise ArchiveError(f"{str(path)!r}: no such archive")
+    try:
+        yield
+    except PermissionError as error:
+        raise ArchiveError(f"{str(path)!r} cannot be read: {error.strerror}") from None
+    except StratifyError as error:
+        raise ArchiveError(f"{str(path)!r} is not an archive of a pour: {error}") from None
+    except (OSError, ArithmeticError, AttributeError, LookupError, MemoryError) as error:
+        raise ArchiveError(_not_whole(path, error)) from None
+    except (RuntimeError, TypeError, ValueError) as error:
+        raise ArchiveError(_not_whole(path, error)) from None
+
+
+def _not_whole(path: Path, error: Exception) -> str:
+    reason = " ".join(str(getattr(error, "strerror", None) or error).split())
+    return f"{str(path)!r} is not a whole netCDF-4 archive: {reason}"
