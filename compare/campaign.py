@@ -24,13 +24,15 @@ import continuum
 from compare.measurement import measure
 from compare.quantities import collision_rate, named, total_inflow, velocity
 from experiment import Experiment, StratifyError
+from experiment.pouring import Begin
 
-__all__ = ["CHECK", "POUR", "campaign", "with_chance"]
+__all__ = ["BEGIN", "CHECK", "POUR", "campaign", "with_chance"]
 
 POUR: dict[str, Callable[..., xr.Dataset]] = {
     "ca_model": ca_model.pour,
     "continuum": continuum.pour,
 }
+BEGIN: dict[str, Begin] = {"ca_model": ca_model.begin, "continuum": continuum.begin}
 CHECK = {"ca_model": ca_model.check, "continuum": continuum.check}
 START = "spawn"  # forks copy the locks of threads that they do not have
 

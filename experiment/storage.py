@@ -18,7 +18,16 @@ from experiment.encoding import encoding_of
 from experiment.errors import ArchiveError, StratifyError
 from experiment.files import whole_file
 
-__all__ = ["opened", "read_whole", "reading", "seal", "store", "write_whole"]
+__all__ = [
+    "is_archive",
+    "opened",
+    "read_whole",
+    "reading",
+    "seal",
+    "store",
+    "told_by",
+    "write_whole",
+]
 
 MOST_SQUEEZED = 10_000  # bytes of numbers in a byte of a file; deflate does 1032
 OTHER = (
@@ -103,6 +112,19 @@ def read_whole(path: Path, group: str | None = None, beside: Collection[str] = (
         if digest_of(dataset) != told:
             raise ArchiveError(f"it is damaged or was changed: its content is not that of {DIGEST}")
     return dataset
+
+
+def is_archive(path: Path) -> bool:
+    """Whether `path` is one that a file of ours would have, by its ending."""
+    return path.suffix == ".nc"
+
+
+def told_by(path: Path, attribute: str) -> str:
+    """An attribute of the file `path`, which may be older than this version."""
+    with reading(path):
+        refuse_damaged(path)
+        with netCDF4.Dataset(path) as file:
+            return str(file.getncattr(attribute))
 
 
 @contextmanager

@@ -9,8 +9,9 @@ import continuum
 from compare.campaign import POUR
 from experiment import ArchiveError, Experiment, load
 from experiment.archive import read
+from experiment.storage import is_archive, told_by
 
-__all__ = ["archives_of", "folder_of", "load_setup"]
+__all__ = ["archives_of", "folder_of", "load_setup", "model_of"]
 
 
 def load_setup(setup: str, settings: tuple[str, ...]) -> Experiment:
@@ -19,6 +20,12 @@ def load_setup(setup: str, settings: tuple[str, ...]) -> Experiment:
     ca_model.Settings.parse(experiment.ca_model, "ca_model")
     continuum.Resolution.parse(experiment.continuum, "continuum")
     return experiment
+
+
+def model_of(setup: str) -> str | None:
+    """The model that poured the archive `setup`; None where that is a preset or a TOML file."""
+    path = Path(setup)
+    return told_by(path, "model") if is_archive(path) else None
 
 
 def folder_of(setup: str) -> Path:

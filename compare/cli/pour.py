@@ -1,16 +1,19 @@
 """`stratify pour`: pour a set-up, by one model or both."""
 
+import shlex
+import sys
 from pathlib import Path
 
 import click
 
-from compare.campaign import CHECK, POUR
-from compare.cli.inputs import folder_of, load_setup
+from compare.campaign import BEGIN, CHECK
+from compare.cli.inputs import folder_of, load_setup, model_of
 from compare.cli.options import force_option, path_type, set_option
+from compare.cli.stopping import Stop
 from compare.cli.terminal import open_bars, progress_on, say
-from experiment import Experiment, NotApplicableError
-from experiment.archive import write
-from experiment.files import make_folder, refuse_existing
+from experiment import Experiment, NotApplicableError, StoppedError
+from experiment.files import refuse_existing
+from experiment.streaming import EVERY, pour_to_file
 
 __all__ = ["pour"]
 
@@ -19,33 +22,76 @@ __all__ = ["pour"]
 @click.argument("setup")
 @click.option(
     "--model",
-    type=click.Choice([*POUR, "both"]),
-    default="both",
-    show_default=True,
-    help="Which model pours.",
+    type=click.Choice([*BEGIN, "both"]),
+    help="Which model pours. Default: both, or the one that poured the archive SETUP.",
 )
 @click.option(
     "-o", "--output", "folder", type=path_type, metavar="FOLDER", help="Default: pours/SETUP."
 )
 @set_option
 @force_option
+@click.option("--resume", is_flag=True, help="Go on with a pour that was stopped or killed.")
+@click.option(
+    "--extend", is_flag=True, help="Go on from the archives in FOLDER, to a longer pour.duration."
+)
+@click.option(
+    "--checkpoint",
+    "every",
+    type=click.FloatRange(min=0.0),
+    default=EVERY,
+    show_default=True,
+    metavar="SECONDS",
+    help="How often to write down what --resume goes on from.",
+)
 def pour(
-    setup: str, model: str, folder: Path | None, settings: tuple[str, ...], force: bool
+    setup: str,
+    model: str | None,
+    folder: Path | None,
+    settings: tuple[str, ...],
+    force: bool,
+    resume: bool,
+    extend: bool,
+    every: float,
 ) -> None:
-    """Pour SETUP, a preset or a TOML file; write FOLDER/ca_model.nc and FOLDER/continuum.nc.
+    """Pour SETUP, a preset, a TOML file or an archive, which is poured again from itself.
+
+    Writes FOLDER/ca_model.nc and FOLDER/continuum.nc. While it pours, the work is beside them in
+    folders that end in .unfinished; a pour that was stopped or killed goes on with --resume.
 
     Example: stratify pour glass-sugar --set 'feed.inflow=[0.2,0.2]' -o pours/thicker
     """
     experiment = load_setup(setup, settings)
     folder = folder or folder_of(setup)
-    models = _applicable(experiment, list(POUR) if model == "both" else [model])
+    model = model or model_of(setup) or "both"
+    models = _applicable(experiment, list(BEGIN) if model == "both" else [model])
     paths = {name: folder / f"{name}.nc" for name in models}
-    refuse_existing(paths.values(), force=force)
-    make_folder(folder)
-    for name, path in paths.items():
-        with open_bars() as bars, progress_on(name, bars) as progress:
-            archive = POUR[name](experiment, progress)
-        say(f"{name}: wrote {write(archive, path, force=force)}")
+    if not (resume or extend):
+        refuse_existing(paths.values(), force=force)
+    with Stop() as stop:
+        for name, path in paths.items():
+            try:
+                with open_bars() as bars, progress_on(name, bars) as progress:
+                    is_new = pour_to_file(
+                        BEGIN[name],
+                        experiment,
+                        path,
+                        resume=resume,
+                        extend=extend,
+                        force=force,
+                        every=every,
+                        progress=progress,
+                        stop=stop,
+                    )
+            except StoppedError as stopped:
+                click.echo(f"stratify: {name}: {stopped}; go on with: {_to_go_on()}", err=True)
+                sys.exit(128 + stop.signal)
+            say(f"{name}: wrote {path}" if is_new else f"{name}: {path} is whole already")
+
+
+def _to_go_on() -> str:
+    """The command line once more, with --resume."""
+    resumed = [] if "--resume" in sys.argv else ["--resume"]
+    return shlex.join(["stratify", *sys.argv[1:], *resumed])
 
 
 def _applicable(experiment: Experiment, models: list[str]) -> list[str]:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from experiment.errors import SetupError
 from experiment.experiment import Experiment
+from experiment.storage import is_archive, told_by
 
 __all__ = ["load", "preset_names", "preset_text"]
 
@@ -26,11 +27,14 @@ def preset_text(name: str) -> str:
 
 
 def load(setup: str, settings: Sequence[str] = ()) -> Experiment:
-    """The experiment of a preset or of a TOML file, changed by `settings` (KEY=VALUE each).
+    """The experiment of a preset, a TOML file or an archive, with `settings` (KEY=VALUE each).
 
-    Raises :class:`SetupError` with one line where the name, the file or a setting is wrong.
+    Raises :class:`SetupError` with one line where the name, the file or a setting is wrong, and
+    :class:`ArchiveError` where the archive cannot be read.
     """
     path = Path(setup)
+    if is_archive(path):
+        return Experiment.from_toml(told_by(path, "experiment"), settings)
     if setup not in preset_names() and (
         path.suffix == ".toml" or (path.exists() and not path.is_dir())
     ):
