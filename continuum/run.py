@@ -121,12 +121,13 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     return pour_in_memory(begin, experiment, progress)
 
 
-def begin(experiment: Experiment, slabs: Slabs) -> "FlowPouring":
-    """The pour before its first step; what lies too deep to be dug up soon goes to `slabs`.
+def begin(experiment: Experiment, slabs: Slabs, most_bins: int | None = None) -> "FlowPouring":
+    """The pour before its first step; what lies deep goes to `slabs`.
 
-    Raises :class:`SetupError` and :class:`NotApplicableError`, as :func:`pour`.
+    At most `most_bins` bins of a cell's deposit are kept, by default as many as the steepest pile
+    is high. Raises :class:`SetupError` and :class:`NotApplicableError`, as :func:`pour`.
     """
-    return FlowPouring(experiment, slabs)
+    return FlowPouring(experiment, slabs, most_bins)
 
 
 class FlowPouring:
@@ -135,7 +136,7 @@ class FlowPouring:
     model = "continuum"
     whole_grains = False
 
-    def __init__(self, experiment: Experiment, slabs: Slabs) -> None:
+    def __init__(self, experiment: Experiment, slabs: Slabs, most_bins: int | None) -> None:
         resolution = Resolution.parse(experiment.continuum, "continuum")
         grid, law = resolution.grid(experiment), law_of(experiment.mixture)
         slopes = slopes_of(experiment, grid, resolution.cells, law)
@@ -143,7 +144,7 @@ class FlowPouring:
         self.columns = len(slopes) * resolution.cells
         self.block = max(1, min(BLOCK, CELLS_AT_ONCE // self.columns))
         self.velocity = np.array(experiment.mixture.drift_velocity)
-        self.body = Body(slopes, slabs, _bins_of_relief(experiment, grid))
+        self.body = Body(slopes, slabs, most_bins or _bins_of_relief(experiment, grid))
         self.poured = self.body.volume
         self.substeps = np.zeros(1, dtype=np.int64)  # the most that a step needed
 

@@ -17,13 +17,13 @@ from experiment.extension import STATE
 from experiment.pouring import Pouring
 from experiment.recorder import record_steps
 from experiment.state import bare_dataset
-from experiment.storage import seal, store
+from experiment.storage import few_pieces, seal, store
 from experiment.variables import COORDINATES, VARIABLES, Variable
 from experiment.work import Work
 
 __all__ = ["assemble_on_disk", "skeleton"]
 
-BAND = 2**25  # bytes of the deposit in memory
+BAND = 2**24  # bytes of the deposit in memory
 DEPOSIT = "deposit_fraction"
 RECORDED = [name for name, variable in VARIABLES.items() if "time" in variable.dims]
 LABELS = [coordinate for coordinate in COORDINATES.values() if coordinate.dtype == "str"]
@@ -32,7 +32,7 @@ LABELS = [coordinate for coordinate in COORDINATES.values() if coordinate.dtype 
 def assemble_on_disk(path: Path, pouring: Pouring, work: Work) -> None:
     """Write the archive of a pour that is at its end, with the state that it ended in."""
     skeleton(path, pouring, work)
-    with netCDF4.Dataset(path, "a") as file:
+    with few_pieces(), netCDF4.Dataset(path, "a") as file:
         deposit = _create(file, VARIABLES[DEPOSIT], pouring)
         for low, band in _bands(pouring, work, len(file.dimensions["z"])):
             if pouring.whole_grains:
@@ -48,7 +48,7 @@ def skeleton(path: Path, pouring: Pouring, work: Work, without: Collection[str] 
     time = np.array(record_steps(experiment.pour, pouring.dt)) * pouring.dt
     known = {"time": time, **{n: v for n, v in pouring.grid().items() if n not in without}}
     store(lay_out(experiment, pouring.model, known, {}), path)
-    with netCDF4.Dataset(path, "a") as file:
+    with few_pieces(), netCDF4.Dataset(path, "a") as file:
         for name in RECORDED:
             _create(file, VARIABLES[name], pouring)
         for first, block in work.recorded():

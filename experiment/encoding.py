@@ -14,11 +14,11 @@ import numpy as np
 
 from experiment.variables import VARIABLES
 
-__all__ = ["encoding_of"]
+__all__ = ["PIECE", "encoding_of"]
 
 PIECE = 2**18  # bytes
 CHECKED = {"fletcher32": True, "_FillValue": None}
-AS_BYTES = {"dtype": "u1", "_FillValue": np.uint8(255), "zlib": True, "complevel": 4}
+AS_BYTES = {"dtype": "u1", "_FillValue": np.uint8(255), "zlib": True, "complevel": 6}
 WHOLE_NUMBERS = {"zlib": True, "complevel": 2, "shuffle": False}
 SMOOTH = {"zlib": True, "complevel": 1, "shuffle": True}
 NOISE: dict[str, Any] = {}

@@ -14,11 +14,13 @@ import numpy as np
 import xarray as xr
 
 from experiment.digest import DIGEST, digest_of, drop_checksum, put_checksum, refuse_damaged
-from experiment.encoding import encoding_of
+from experiment.encoding import PIECE, encoding_of
 from experiment.errors import ArchiveError, StratifyError
 from experiment.files import whole_file
 
 __all__ = [
+    "few_pieces",
+    "holds",
     "is_archive",
     "opened",
     "read_whole",
@@ -29,6 +31,7 @@ __all__ = [
     "write_whole",
 ]
 
+CACHE = 4 * PIECE
 MOST_SQUEEZED = 10_000  # bytes of numbers in a byte of a file; deflate does 1032
 OTHER = (
     f"it carries no {DIGEST}: another program wrote it, or an older version of this one; "
@@ -84,7 +87,10 @@ def seal(part: Path, beside: Collection[str] = ()) -> None:
 
     The Dataset is read in blocks that fit into memory; what the file holds `beside` it is left out.
     """
-    with xr.open_dataset(part, engine="netcdf4", drop_variables=beside, cache=False) as stored:
+    with (
+        few_pieces(),
+        xr.open_dataset(part, engine="netcdf4", drop_variables=beside, cache=False) as stored,
+    ):
         digest = digest_of(stored)
     drop_checksum(part)
     with netCDF4.Dataset(part, "a") as file:
@@ -119,12 +125,32 @@ def is_archive(path: Path) -> bool:
     return path.suffix == ".nc"
 
 
+def holds(path: Path, group: str) -> bool:
+    """Whether the file `path` has that group."""
+    with reading(path), netCDF4.Dataset(path) as file:
+        return group in file.groups
+
+
 def told_by(path: Path, attribute: str) -> str:
     """An attribute of the file `path`, which may be older than this version."""
     with reading(path):
         refuse_damaged(path)
         with netCDF4.Dataset(path) as file:
             return str(file.getncattr(attribute))
+
+
+@contextmanager
+def few_pieces() -> Iterator[None]:
+    """Files that are opened within keep little of each variable in memory; else it is up to 64 MB.
+
+    A file keeps to it as long as it is open.
+    """
+    before = netCDF4.get_chunk_cache()
+    netCDF4.set_chunk_cache(CACHE)
+    try:
+        yield
+    finally:
+        netCDF4.set_chunk_cache(*before)
 
 
 @contextmanager
@@ -136,7 +162,7 @@ def opened(path: Path) -> Iterator[xr.Dataset]:
     """
     with reading(path):
         refuse_damaged(path)
-        with xr.open_dataset(path, engine="netcdf4", cache=False) as stored:
+        with few_pieces(), xr.open_dataset(path, engine="netcdf4", cache=False) as stored:
             if DIGEST not in stored.attrs:
                 raise ArchiveError(OTHER)
             yield stored

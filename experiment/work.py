@@ -30,12 +30,12 @@ from experiment.provenance import difference, stamp
 from experiment.recorder import Recorder, record_steps
 from experiment.slabs import Slab
 from experiment.state import State, arrays_in, bare_dataset
-from experiment.storage import opened, read_whole, reading, write_whole
+from experiment.storage import holds, opened, read_whole, reading, write_whole
 
 __all__ = ["Work", "locked", "work_folder"]
 
 CHECKPOINT = "checkpoint.nc"
-ROOM = 2**25  # bytes of records in memory
+ROOM = 2**23  # bytes of records in memory
 
 Records = dict[str, Floats]
 
@@ -53,7 +53,8 @@ def locked(path: Path) -> Iterator[Path]:
     process is in it, and :class:`ArchiveError` where it cannot be written.
     """
     folder = work_folder(path)
-    make_folder(folder)
+    for made in (path.parent, folder):
+        make_folder(made)
     lock = FileLock(folder / "lock", timeout=0)
     try:
         lock.acquire()
@@ -168,6 +169,8 @@ class Work:
             raise ArchiveError(f"{str(path)!r} cannot be extended: it is by {source}")
         schedule = record_steps(pouring.experiment.pour, pouring.dt)
         self.steps = schedule[self.records - 1]
+        if not holds(path, STATE):
+            raise ArchiveError(f"{str(path)!r} cannot be extended: it holds no state of its end")
         _restore(pouring, arrays_in(read_whole(path, STATE)), path)
         self.base = Base(path, digest, pouring.floor())
 
@@ -199,7 +202,12 @@ class Work:
         self._next_slab += 1
 
     def take_back(self) -> Slab:
-        """Take the topmost slab off again."""
+        """Take the topmost slab off again. Raises :class:`ArchiveError` if it is an archive's."""
+        if not self._slabs:
+            raise ArchiveError(
+                "erosion comes to what the archive that is being extended has in fractions only; "
+                "the longer pour has to begin anew"
+            )
         number, *_ = self._slabs.pop()
         stored = read_whole(self._slab_file(number))
         return Slab(*(stored[name].values for name in Slab._fields))

@@ -198,10 +198,10 @@ def test_foreign_and_truncated_files_are_refused(on_disk: Path, tmp_path: Path) 
 @pytest.mark.parametrize(
     ("name", "at", "value", "reason"),
     [
-        ("captured", -1, 0, "do not hold all of its grains"),
+        ("captured", -1, 0, "do not make up its pile"),
         ("captured", (0, 0), 2**31, "out of bounds"),
         ("grain", 5, 7, "out of bounds"),
-        ("height", -1, 0.3, "out of bounds"),
+        ("height", -1, 0.3, "do not make up its pile"),
     ],
 )
 def test_grains_that_contradict_the_rest_of_the_file_are_refused(

@@ -1,0 +1,235 @@
+"""A pour to disk: the archive that memory would hold, in little memory, stopped or not."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ca_model
+import continuum
+from experiment import ArchiveError, Experiment, SetupError, StoppedError, load
+from experiment.archive import read
+from experiment.digest import DIGEST
+from experiment.pouring import InMemory, Pouring, run_to_the_end
+from experiment.slabs import Deposit, Slab
+from experiment.storage import told_by
+from experiment.streaming import pour_to_file
+from experiment.work import work_folder
+
+MEMORY = Path("/proc/self/status")
+SHORT = ["pour.records=20", "continuum.cells=40"]
+POURS = {  # preset, duration, settings
+    "drawn grains": ("makse-stratification", 300.0, ["ca_model.arrivals=drawn", "pour.seed=5"]),
+    "a heap": ("heap", 60.0, ["ca_model.arrivals=poisson"]),
+    "a drum": ("drum-mixture", 6.0, ["continuum.cells=40"]),
+    "a moving source": ("stockpile", 60.0, []),
+    "toppling": ("franks", 400.0, []),
+    "a schedule": ("pulsed-feed", 1600.0, []),
+    "three species, second order": ("ternary", 60.0, ["continuum.scheme=muscl"]),
+}
+MODELS = {"ca_model": ca_model, "continuum": continuum}
+APPLICABLE = [
+    pytest.param(model, name, id=f"{name}, {model}")
+    for name in POURS
+    for model in MODELS
+    if not (model == "ca_model" and name == "a drum")
+    and not (model == "continuum" and name in ("a moving source", "toppling"))
+]
+every_pour = pytest.mark.parametrize(("model", "name"), APPLICABLE)
+
+
+def setup(name: str, longer: float = 1.0, records: int = 20) -> Experiment:
+    preset, duration, settings = POURS[name]
+    told = [f"pour.duration={longer * duration}", f"pour.records={records}"]
+    return load(preset, [*SHORT, *told, *settings])
+
+
+def stopping_at(count: int) -> Callable[[], bool]:
+    """Whether this is asked for the time of that number."""
+    asked = iter(range(count))
+    return lambda: next(asked, None) is None
+
+
+@every_pour
+def test_a_streamed_archive_is_the_one_that_memory_would_hold(model, name, tmp_path: Path) -> None:
+    experiment, path = setup(name), tmp_path / "run.nc"
+    assert pour_to_file(MODELS[model].begin, experiment, path)
+    in_memory, streamed = MODELS[model].pour(experiment), read(path)
+    for archive in (in_memory, streamed):
+        del archive.attrs["history"]
+    assert streamed.identical(in_memory)
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@every_pour
+def test_a_pour_stopped_anywhere_comes_to_the_same_archive(model, name, tmp_path: Path) -> None:
+    """Put down after every second block, and taken up again by one that knows the files only."""
+    experiment, whole, path = setup(name), tmp_path / "whole.nc", tmp_path / "run.nc"
+    pour_to_file(MODELS[model].begin, experiment, whole)
+    stops = 0
+    while not path.exists():
+        try:
+            pour_to_file(MODELS[model].begin, experiment, path, resume=True, stop=stopping_at(1))
+        except StoppedError:
+            stops += 1
+    assert stops >= 9
+    assert told_by(path, DIGEST) == told_by(whole, DIGEST)
+    assert sorted(tmp_path.iterdir()) == [path, whole]
+
+
+@every_pour
+def test_an_extended_archive_is_that_of_the_longer_pour(model, name, tmp_path: Path) -> None:
+    whole, path = tmp_path / "whole.nc", tmp_path / "run.nc"
+    pour_to_file(MODELS[model].begin, setup(name, longer=2.5, records=50), whole)
+    pour_to_file(MODELS[model].begin, setup(name), path)
+    pour_to_file(MODELS[model].begin, setup(name, longer=1.5), path, extend=True)
+    with pytest.raises(StoppedError):
+        pour_to_file(
+            MODELS[model].begin, setup(name, longer=2.5), path, extend=True, stop=stopping_at(9)
+        )
+    assert read(path).sizes["time"] == 31, "the archive stays until the longer one is whole"
+    pour_to_file(MODELS[model].begin, setup(name, longer=2.5), path, extend=True, resume=True)
+    assert told_by(path, DIGEST) == told_by(whole, DIGEST)
+    assert not pour_to_file(
+        MODELS[model].begin, setup(name, longer=2.5), path, extend=True, resume=True
+    )
+
+
+@pytest.mark.parametrize(
+    ("settings", "refusal"),
+    [
+        (["pour.duration=60.0"], "pour.duration = 60: to extend a pour of 100 s it should be"),
+        (["pour.duration=101.0"], "longer by whole intervals of 20 s"),
+        (["continuum.cells=30"], "same set-up can be extended: continuum.cells = 20 there, 30"),
+        (["pour.seed=4"], "pour.seed = 0 there, 4 here"),
+    ],
+)
+def test_only_the_same_pour_can_be_extended(settings, refusal: str, tmp_path: Path) -> None:
+    common = ["cell.length=20.0", "continuum.cells=20", "pour.records=5"]
+    path = tmp_path / "run.nc"
+    short = load("makse-stratification", [*common, "pour.duration=100.0"])
+    pour_to_file(continuum.begin, short, path)
+    before = path.read_bytes()
+    longer = load("makse-stratification", [*common, "pour.duration=200.0", *settings])
+    with pytest.raises(SetupError, match=refusal):
+        pour_to_file(continuum.begin, longer, path, extend=True)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_archive_without_its_last_state_cannot_be_extended(tmp_path: Path) -> None:
+    from experiment.archive import write
+
+    path = write(continuum.pour(setup("a schedule")), tmp_path / "run.nc")
+    with pytest.raises(ArchiveError, match="it holds no state of its end"):
+        pour_to_file(continuum.begin, setup("a schedule", longer=2.0), path, extend=True)
+
+
+class Counted(Deposit):
+    """Slabs, and how often they came and went."""
+
+    laid = taken_back = 0
+
+    def lay(self, slab: Slab) -> None:
+        self.laid += 1
+        super().lay(slab)
+
+    def take_back(self) -> Slab:
+        self.taken_back += 1
+        return super().take_back()
+
+
+def poured(pouring: Pouring, slabs: Deposit) -> dict[str, np.ndarray]:
+    keeper = InMemory(1000, pouring.columns, pouring.experiment.mixture.species)
+    run_to_the_end(pouring, keeper)
+    grid = pouring.grid()
+    section = pouring.section(slabs, 0, len(grid["z"]))
+    return keeper.recorder.arrays | grid | {"deposit_fraction": section}
+
+
+def digging(shape: str) -> Experiment:
+    """First rough grains pile up steeply, then round ones wash them down the slope."""
+    return load(
+        "bdg-minimal",
+        [
+            "cell.length=20.0",
+            f"cell.shape={shape}",
+            "continuum.cells=40",
+            "pour.duration=400.0",
+            "pour.records=50",
+            "mixture.repose_slope=[[1.6,1.6],[1.0,1.0]]",
+            "mixture.collision_rate=[[20.0,20.0],[20.0,20.0]]",
+            "feed.inflow=[0.25,0.0]",
+            "feed.schedule={kind='pulses',period=400.0,share=0.5,inflow=[0.0,0.25]}",
+        ],
+    )
+
+
+@pytest.mark.parametrize("shape", ["silo", "heap"])
+def test_what_was_handed_on_is_dug_up_again(shape: str) -> None:
+    """Tapes of 64 bins hand on and take back what tapes as high as the pile keep."""
+    slabs, few = Deposit(), Counted()
+    kept = poured(continuum.begin(digging(shape), slabs, most_bins=10_000), slabs)
+    found = poured(continuum.begin(digging(shape), few, most_bins=64), few)
+    assert not slabs.slabs
+    assert few.laid > 20 < few.taken_back
+    dug = kept["height"].max(axis=0) - kept["height"][-1]
+    assert dug.max() > 3.0, "cm"
+    volumes = kept.pop("deposited_volume"), found.pop("deposited_volume")
+    np.testing.assert_allclose(*volumes, rtol=1e-13)
+    for name, values in kept.items():
+        np.testing.assert_array_equal(found[name], values)
+
+
+def test_grains_that_will_never_topple_are_handed_on() -> None:
+    experiment, slabs = load("franks", ["pour.duration=20000.0", "pour.records=5"]), Counted()
+    pouring = ca_model.begin(experiment, slabs)
+    found = poured(pouring, slabs)
+    assert slabs.laid >= 3
+    grown = found["height"][-1] - found["height"][0]
+    kept = pouring.pile.state()["stack"].shape[1]
+    assert kept < 0.5 * grown.max() / pouring.lattice.unit
+    expected = ca_model.pour(experiment)["deposit_fraction"].values
+    np.testing.assert_array_equal(found["deposit_fraction"], expected)
+
+
+@pytest.mark.skipif(not MEMORY.exists(), reason="there is no peak of memory to read")
+@pytest.mark.parametrize("model", MODELS)
+def test_memory_stays_flat_however_long_it_is_poured(model: str, tmp_path: Path) -> None:
+    """Five times the pour, with five times the records: at most 10 % more memory at the peak."""
+    script = f"""
+from pathlib import Path
+import {model} as model
+from experiment import load
+from experiment.streaming import pour_to_file
+
+def peak(times):
+    settings = [
+        f"pour.duration={{times * 20000.0}}", f"pour.records={{times * 3000}}",
+        "cell.length=20.0", "continuum.cells=40",
+    ]
+    path = Path({str(tmp_path)!r}) / f"{{times}}.nc"
+    pour_to_file(model.begin, load("makse-stratification", settings), path, every=1.0)
+    status = Path("{MEMORY}").read_text().split()
+    return 1024 * int(status[status.index("VmHWM:") + 1]), path.stat().st_size
+
+print(*peak(1), *peak(5))
+"""
+    here = os.environ | {"PYTHONPATH": str(Path(__file__).parent.parent)}
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, check=True, capture_output=True, text=True, env=here)
+    memory, size, memory_of_many, size_of_many = map(int, done.stdout.split())
+    assert memory_of_many < 1.1 * memory
+    assert size_of_many > 4 * size
+
+
+def test_what_is_unfinished_says_so_by_its_name(tmp_path: Path) -> None:
+    path = tmp_path / "run.nc"
+    with pytest.raises(StoppedError, match="stopped after 32 of 640 steps"):
+        pour_to_file(continuum.begin, setup("a schedule"), path, stop=stopping_at(0))
+    assert work_folder(path) == tmp_path / "run.nc.unfinished"
+    assert list(tmp_path.iterdir()) == [work_folder(path)]
