@@ -227,7 +227,7 @@ def _intact(path: Path, beside: Collection[str]) -> xr.Dataset:
         if raw.nbytes > MOST_SQUEEZED * path.stat().st_size:
             raise ArchiveError(f"it is damaged: it claims {raw.nbytes:.2g} bytes of numbers")
         dataset = xr.decode_cf(raw).load()
-    if digest_of(dataset) != told:
+    if digest_of(dataset) != str(told):
         raise ArchiveError(f"it is damaged or was changed: its content is not that of {DIGEST}")
     return dataset
 
