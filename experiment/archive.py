@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from experiment.digest import DIGEST, digest_of, drop_checksum, put_checksum, refuse_damaged
+from experiment.digest import DIGEST, digest_of, put_checksum, refuse_damaged
 from experiment.errors import ArchiveError, StratifyError
 from experiment.experiment import Experiment
 from experiment.files import whole_file
@@ -151,8 +151,6 @@ def store(dataset: xr.Dataset, path: Path, mode: Literal["w", "a"] = "w") -> Non
 
     The digest that the file then carries is that of `dataset`, the checksum that of the file.
     """
-    if mode == "a":
-        drop_checksum(path)
     _put(dataset, path, mode)
     put_checksum(path)
 
@@ -164,7 +162,6 @@ def seal(path: Path, beside: Collection[str] = ()) -> None:
     """
     with xr.open_dataset(path, engine="netcdf4", drop_variables=beside, cache=False) as stored:
         digest = digest_of(stored)
-    drop_checksum(path)
     with netCDF4.Dataset(path, "a") as file:
         file.setncattr(DIGEST, digest)
     put_checksum(path)

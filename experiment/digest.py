@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from experiment.errors import ArchiveError
 
-__all__ = ["DIGEST", "bare_size", "digest_of", "drop_checksum", "put_checksum", "refuse_damaged"]
+__all__ = ["DIGEST", "bare_size", "digest_of", "put_checksum", "refuse_damaged"]
 
 DIGEST = "content_sha256"
 DATED = ("history", DIGEST)  # attributes of the Dataset that are no content
@@ -56,17 +56,8 @@ def digest_of(dataset: xr.Dataset) -> str:
 
 def put_checksum(path: Path) -> None:
     """End the finished file with the line that holds the checksum of all before it."""
-    drop_checksum(path)
     with path.open("r+b") as file:
-        line = SIGN + _checksum(file, path.stat().st_size) + b"\n"
-        file.seek(0, 2)
-        file.write(line)
-
-
-def drop_checksum(path: Path) -> None:
-    """Take the last line away from a file that is about to change; it may have none."""
-    with path.open("r+b") as file:
-        file.truncate(bare_size(path))
+        file.write(SIGN + _checksum(file, path.stat().st_size) + b"\n")
 
 
 def refuse_damaged(path: Path) -> None:

@@ -131,7 +131,8 @@ def test_an_archive_with_another_attribute_is_refused(name, value, archive, tmp_
     path = write(archive, tmp_path / "run.nc")
     with netCDF4.Dataset(path, "a") as file:
         file.setncattr(name, value)
-    with pytest.raises(ArchiveError, match=r"run\.nc' is not a") as refusal:
+    reason = r"run\.nc' is not .*(damaged or was changed|codec can't decode)"
+    with pytest.raises(ArchiveError, match=reason) as refusal:
         read(path)
     assert "\n" not in str(refusal.value)
 
@@ -204,42 +205,43 @@ def test_the_digest_is_one_in_memory_and_however_a_file_is_laid_out(archive, tmp
 
 
 def test_the_digest_knows_values_and_not_how_they_are_kept() -> None:
-    one = xr.Dataset({"a": ("x", [0.0, np.nan, 1.5])}, attrs={"k": [1, 2], "n": 3, "history": "a"})
+    real, whole = np.array([0.0, np.nan, 1.5]), np.array([1, 2])
+    one = xr.Dataset({"a": ("x", real), "b": ("y", whole)}, attrs={"k": [1, 2], "n": 3})
     other = xr.Dataset(
-        {"a": ("x", np.array([-0.0, -np.nan, 1.5], dtype=">f8"))},
+        {"b": ("y", whole.astype(">i8")), "a": ("x", np.copysign(real, -1).astype(">f8"))},
         attrs={"n": np.int64(3), "history": "b", "k": np.array([1, 2]), "content_sha256": "0"},
     )
+    other["a"][2] = 1.5
     assert digest_of(one) == digest_of(other)
 
 
 @settings(max_examples=100, deadline=None)
-@given(data=st.data())
-def test_the_digest_is_another_where_anything_is(data) -> None:
-    values = data.draw(st.lists(st.floats(width=32), min_size=2, max_size=5))
+@given(values=st.lists(st.floats(width=32), min_size=2, max_size=5), data=st.data())
+def test_the_digest_is_another_where_anything_is(values: list[float], data) -> None:
     one = xr.Dataset(
         {
-            "a": ("x", np.array(values)),
-            "b": ("x", np.array(["ab", "c", "", "d", "e"][: len(values)])),
+            "a": ("x", values),
+            "b": ("x", ["ab", "c", "", "d", "e"][: len(values)]),
+            "c": (("y", "z"), np.zeros((2, 3))),
         },
         attrs={"k": "v"},
     )
     k = data.draw(st.integers(0, len(values) - 1))
     changed = one.copy(deep=True)
     changed["a"][k] = np.nextafter(np.nan_to_num(values[k]), 1e300)
-    words = one.copy(deep=True)
-    words["b"] = ("x", ["a", "bc", "", "d", "e"][: len(values)])
     others = [
         changed,
-        words,
-        one.rename(a="c"),
-        one.rename(x="y"),
-        one.isel(x=slice(1, None)),
-        one.assign(a=one["a"].astype(np.float32)),
+        one.assign(b=("x", ["a", "bc", "", "d", "e"][: len(values)])),
+        one.assign(c=(("y", "z"), np.zeros((2, 3), dtype=int))),
         one.assign(a=one["a"].assign_attrs(units="cm")),
         one.assign(a=one["a"].assign_attrs(history="older")),
+        one.drop_vars("c").assign(c=(("y", "z"), np.zeros((3, 2)))),
+        one.drop_vars("b"),
+        one.isel(x=slice(1, None)),
+        one.rename(a="d"),
+        one.rename(x="u"),
         one.assign_attrs(k="w"),
         one.assign_attrs(m="v"),
-        one.drop_vars("b"),
     ]
     assert len({digest_of(each) for each in [one, *others]}) == len(others) + 1
 
