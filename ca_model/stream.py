@@ -2,7 +2,7 @@
 
 The file holds what an archive holds, but for the deposit on its grid. Instead it has the slabs:
 
-    grain     (grain,)   species of the grains at rest, slab upon slab; in a slab column after
+    grain     (at_rest,) species of the grains at rest, slab upon slab; in a slab column after
                          column, in each from below
     captured  (slab, x)  how many of a slab's grains are each column's
 
@@ -39,7 +39,7 @@ LOG = 2**24  # grains
 CHUNK = 2**18  # grains
 CACHE = 4 * CHUNK  # else the library keeps as many chunks as it sees fit
 STORED: dict[str, Any] = {"zlib": True, "complevel": 1, "fletcher32": True, "fill_value": False}
-GRAIN, CAPTURED = "grain", "captured"
+GRAIN, CAPTURED, AT_REST = "grain", "captured", "at_rest"
 ON_A_GRID = ("z", "deposit_fraction")
 EVERYWHERE = 0, 2**62
 
@@ -128,7 +128,7 @@ def _slabs_of(path: Path, fine: xr.Dataset, lattice: Lattice, above_base: bool) 
             above = top_of(bottom, ends, grains, lattice.rule.grain_height)
             yield Slab(bottom, above, ends, grains)
             bottom = above
-        if end != len(file.dimensions[GRAIN]) or (bottom != top).any():
+        if end != len(file.dimensions[AT_REST]) or (bottom != top).any():
             raise ArchiveError("its slabs do not make up its pile")
 
 
@@ -143,10 +143,10 @@ def _write_slabs(path: Path, pouring: Pouring, work: Work) -> None:
     pouring.bury()
     skeleton(path, pouring, work, without=ON_A_GRID)
     with netCDF4.Dataset(path, "a") as file:
-        file.createDimension(GRAIN, None)
+        file.createDimension(AT_REST, None)
         file.createDimension("slab", None)
         grain = file.createVariable(
-            GRAIN, "u1", (GRAIN,), chunksizes=(CHUNK,), chunk_cache=CACHE, **STORED
+            GRAIN, "u1", (AT_REST,), chunksizes=(CHUNK,), chunk_cache=CACHE, **STORED
         )
         captured = file.createVariable(
             CAPTURED, "u4", ("slab", "x"), chunksizes=(1, pouring.columns), **STORED

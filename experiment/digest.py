@@ -10,8 +10,8 @@ The **checksum** is a last line of text behind the end of the HDF5 file, which H
     stratify sha256 2c26b46b68ffc68ff99b453c1d30413413422d706483bfa0f98a5e886266e7ae
 
 It is checked before the file is parsed, for HDF5 does not bear damage: of 8000 damaged archives it
-read 10 as other numbers and never came back from 4. A program that changes or copies an archive
-drops the line; the digest alone then vouches for it.
+read 10 as other numbers and never came back from 4. Behind the end of HDF5 there is that line or
+nothing: a program that changes or copies an archive drops it, and the digest alone vouches for it.
 """
 
 import hashlib
@@ -26,11 +26,11 @@ from numpy.typing import NDArray
 
 from experiment.errors import ArchiveError
 
-__all__ = ["DIGEST", "bare_size", "digest_of", "drop_checksum", "put_checksum", "refuse_damaged"]
+__all__ = ["DIGEST", "bare_size", "digest_of", "put_checksum", "refuse_damaged"]
 
 DIGEST = "content_sha256"
 DATED = ("history", DIGEST)  # attributes of the Dataset that are no content
-BLOCK = 2**22  # bytes
+BLOCK = 2**23  # bytes
 SIGN = b"\nstratify sha256 "
 LINE = len(SIGN) + 64 + 1
 
@@ -56,29 +56,24 @@ def digest_of(dataset: xr.Dataset) -> str:
 
 def put_checksum(path: Path) -> None:
     """End the finished file with the line that holds the checksum of all before it."""
-    drop_checksum(path)
     with path.open("r+b") as file:
-        line = SIGN + _checksum(file, path.stat().st_size) + b"\n"
-        file.seek(0, 2)
-        file.write(line)
-
-
-def drop_checksum(path: Path) -> None:
-    """Take the last line away from a file that is about to change; it may have none."""
-    with path.open("r+b") as file:
-        file.truncate(bare_size(path))
+        file.write(SIGN + _checksum(file, path.stat().st_size) + b"\n")
 
 
 def refuse_damaged(path: Path) -> None:
     """Raise :class:`ArchiveError` where the bytes of `path` are not those of its last line.
 
-    A file without such a line passes.
+    A file that ends where HDF5 does, and has no such line, passes.
     """
     size = bare_size(path)
     with path.open("rb") as file:
-        told = _checksum(file, size)
-        line = file.read()
-    if line and line[len(SIGN) : -1] != told:
+        ends = _end_of_hdf5(file.read(36))
+        file.seek(0)
+        if size < path.stat().st_size:
+            intact = SIGN + _checksum(file, size) + b"\n" == file.read()
+        else:
+            intact = ends is None or size <= ends
+    if not intact:
         raise ArchiveError("it is damaged: its bytes are not those that were written")
 
 
@@ -90,6 +85,13 @@ def bare_size(path: Path) -> int:
         return size - LINE if file.read().startswith(SIGN) else size
 
 
+def _end_of_hdf5(superblock: bytes) -> int | None:
+    """Where the superblock of an HDF5 file, of the version that netCDF-4 writes, says it ends."""
+    if superblock[:8] == b"\x89HDF\r\n\x1a\n" and superblock[8] in {2, 3}:
+        return int.from_bytes(superblock[28:36], "little")
+    return None
+
+
 def _checksum(file: BinaryIO, size: int) -> bytes:
     found = hashlib.sha256()
     for start in range(0, size, BLOCK):
@@ -98,13 +100,14 @@ def _checksum(file: BinaryIO, size: int) -> bytes:
 
 
 def _blocks(values: xr.Variable) -> Iterator[NDArray[Any]]:
-    """The values along their first axis, some MB at a time; whole rows of what is chunked."""
+    """The values along their first axis, some MB at a time, in whole chunks where those fit."""
     if values.ndim == 0:
         yield values.values
         return
     row = max(1, values.nbytes // max(1, values.shape[0]))
     chunk = values.encoding.get("preferred_chunks", {}).get(values.dims[0], 1)
-    rows = max(1, BLOCK // (row * chunk)) * chunk
+    rows = max(1, BLOCK // row)
+    rows -= rows % chunk if rows > chunk else 0
     for start in range(0, values.shape[0], rows):
         yield values[start : start + rows].values
 

@@ -13,7 +13,7 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
-from experiment.digest import DIGEST, digest_of, drop_checksum, put_checksum, refuse_damaged
+from experiment.digest import DIGEST, digest_of, put_checksum, refuse_damaged
 from experiment.encoding import PIECE, encoding_of
 from experiment.errors import ArchiveError, StratifyError
 from experiment.files import whole_file
@@ -92,7 +92,6 @@ def seal(part: Path, beside: Collection[str] = ()) -> None:
         xr.open_dataset(part, engine="netcdf4", drop_variables=beside, cache=False) as stored,
     ):
         digest = digest_of(stored)
-    drop_checksum(part)
     with netCDF4.Dataset(part, "a") as file:
         file.setncattr(DIGEST, digest)
     put_checksum(part)
@@ -115,7 +114,7 @@ def read_whole(path: Path, group: str | None = None, beside: Collection[str] = (
             if raw.nbytes > MOST_SQUEEZED * path.stat().st_size:
                 raise ArchiveError(f"it is damaged: it claims {raw.nbytes:.2g} bytes of numbers")
             dataset = xr.decode_cf(raw).load()
-        if digest_of(dataset) != told:
+        if digest_of(dataset) != str(told):
             raise ArchiveError(f"it is damaged or was changed: its content is not that of {DIGEST}")
     return dataset
 

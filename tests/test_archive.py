@@ -1,8 +1,5 @@
-"""What an archive promises: the same numbers back, CF conventions, whole or absent."""
+"""What an archive promises: the same numbers back, whole or absent."""
 
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import netCDF4
@@ -12,14 +9,12 @@ import xarray as xr
 
 import ca_model
 import continuum
-from compare import compare
 from experiment import ArchiveError, Experiment, OutputExistsError, load
 from experiment.archive import assemble, experiment_of, read, write
 from experiment.recorder import Recorder, record_steps
 from experiment.storage import write_whole
 from experiment.variables import COORDINATES, VARIABLES
 
-TIME_BY_NAME = "check_spatiotemporal_dims_have_coordinate_vars"
 MODELS = pytest.mark.parametrize("model", [ca_model, continuum])
 
 
@@ -88,32 +83,6 @@ def test_the_deposit_adds_up_to_what_came_to_rest(model, small_pour: Experiment)
     filled = (np.minimum(lower + dz, top) - np.maximum(lower, base)).clip(0)
     volume = (dataset["deposit_fraction"].fillna(0) * filled).sum(["z", "x"]) * dx
     np.testing.assert_allclose(volume, dataset["deposited_volume"].isel(time=-1), rtol=1e-4)
-
-
-def test_archives_and_comparisons_pass_the_cf_checker(small_pour, tmp_path: Path) -> None:
-    archives = [ca_model.pour(small_pour), continuum.pour(small_pour)]
-    paths = [write(archive, tmp_path / f"{archive.attrs['model']}.nc") for archive in archives]
-    paths.append(write_whole(compare(archives), tmp_path / "comparison.nc"))
-    status, report = check_cf(paths, "--skip-checks", TIME_BY_NAME)
-    assert status == 0, report
-    assert report.count("All tests passed!") == len(paths), report
-
-
-def test_the_one_skipped_cf_check_asks_for_an_epoch_that_a_pour_has_not(small_pour, tmp_path):
-    """It wants standard_name "time" of whatever is called time; that name is for dates only."""
-    path = write(continuum.pour(small_pour), tmp_path / "run.nc")
-    complaints = {line for line in check_cf([path])[1].splitlines() if line.startswith("* ")}
-    assert complaints == {
-        "* Coordinate variable 'time' should have standard_name='time', found: 'None'"
-    }
-
-
-def check_cf(paths: list[Path], *options: str) -> tuple[int, str]:
-    checker = shutil.which("compliance-checker", path=str(Path(sys.executable).parent))
-    assert checker is not None
-    command = [checker, "--test", "cf:1.11", "--criteria", "normal", *options, *map(str, paths)]
-    report = subprocess.run(command, capture_output=True, text=True, check=False)
-    return report.returncode, report.stdout
 
 
 def test_an_archive_cut_in_half_is_refused(archive: xr.Dataset, tmp_path: Path) -> None:

@@ -224,7 +224,7 @@ print(*peak(1), *peak(5))
     done = subprocess.run(command, check=True, capture_output=True, text=True, env=here)
     memory, size, memory_of_many, size_of_many = map(int, done.stdout.split())
     assert memory_of_many < 1.1 * memory
-    assert size_of_many > 4 * size
+    assert size_of_many > 3 * size
 
 
 def test_what_is_unfinished_says_so_by_its_name(tmp_path: Path) -> None:

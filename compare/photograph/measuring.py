@@ -34,7 +34,8 @@ def measure_photograph(path: Path, view: View, large: str = "bright") -> xr.Data
     """
     seen = see(read_picture(path), view, large)
     found = layers_of(seen["coarseness"])
-    comments = [found.attrs.get("comment", ""), seen.attrs["comment"]]
+    taken = f"the large grains are {large}"
+    comments = [found.attrs.get("comment", ""), seen.attrs["comment"], taken]
     return found.assign(seen.astype(np.float32).data_vars).assign_attrs(
         Conventions=CONVENTIONS,
         title=path.name,
