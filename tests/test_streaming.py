@@ -163,8 +163,8 @@ def digging(shape: str) -> Experiment:
             "pour.records=50",
             "mixture.repose_slope=[[1.6,1.6],[1.0,1.0]]",
             "mixture.collision_rate=[[20.0,20.0],[20.0,20.0]]",
-            "feed.inflow=[0.25,0.0]",
-            "feed.schedule={kind='pulses',period=400.0,share=0.5,inflow=[0.0,0.25]}",
+            "feed.inflow=[0.0,0.25]",
+            "feed.schedule={kind='pulses',period=400.0,share=0.5,inflow=[0.25,0.0]}",
         ],
     )
 
@@ -186,7 +186,8 @@ def test_what_was_handed_on_is_dug_up_again(shape: str) -> None:
 
 
 def test_grains_that_will_never_topple_are_handed_on() -> None:
-    experiment, slabs = load("franks", ["pour.duration=20000.0", "pour.records=5"]), Counted()
+    settings = ["cell.length=3.0", "pour.duration=600.0", "pour.records=5"]
+    experiment, slabs = load("franks", settings), Counted()
     pouring = ca_model.begin(experiment, slabs)
     found = poured(pouring, slabs)
     assert slabs.laid >= 3
