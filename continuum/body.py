@@ -10,7 +10,7 @@ import numpy as np
 from continuum.kernel import BARE, DONE
 from continuum.section import rest_of, slab_of
 from continuum.slopes import Slope, across
-from continuum.state import Flow, with_more_bins
+from continuum.state import Flow, sealed_bins, with_more_bins, with_sealed_bins
 from experiment.arrays import Floats, Ints
 from experiment.slabs import Slab, Slabs
 from experiment.state import State, arrays_of, put_back
@@ -25,7 +25,6 @@ class Body:
         self.slopes = slopes
         self._slabs = slabs
         self._most_bins = most_bins
-        self._handed_on = np.zeros(len(slopes[0].flow.rolling))  # cm2 (species,)
 
     def advance(self, slope: Slope, velocity: Floats, inflow: Floats) -> int:
         """Take a step per row of `inflow` (step, species) [cm]; the most sub-steps one needed."""
@@ -43,7 +42,8 @@ class Body:
     @property
     def volume(self) -> Floats:
         """Volume (species,) [cm2] of what lies still, but for the rigid surface."""
-        return self._handed_on + sum(slope.volume_at_rest for slope in self.slopes)
+        volumes = [slope.volume_at_rest for slope in self.slopes]
+        return np.asarray(np.sum(volumes, axis=0))
 
     @property
     def floor(self) -> Ints:
@@ -73,14 +73,15 @@ class Body:
             shares += taken[:: slope.direction]
             flow.sealed[:] -= counts
             flow.buried[:] += counts
-        slab = slab_of(bottom, shares)
-        self._slabs.lay(slab)
-        self._handed_on += slab.pieces.sum(axis=0) * self.slopes[0].grid.dx
+        self._slabs.lay(slab_of(bottom, shares))
 
     def _take_back(self) -> None:
-        """Put the topmost slab back under what the tapes hold."""
+        """Put the topmost slab back under what the tapes hold, and keep twice as much from now on.
+
+        For else it might be handed on and taken back by turns.
+        """
         slab, column = self._slabs.take_back(), 0
-        self._handed_on -= slab.pieces.sum(axis=0) * self.slopes[0].grid.dx
+        self._most_bins = max(self._most_bins, *(2 * s.flow.tape.shape[2] for s in self.slopes))
         for slope in self.slopes:
             counts = np.diff(slab.ends)[column : column + len(slope.x)][:: slope.direction]
             while (slope.flow.sealed + counts).max() >= slope.flow.tape.shape[2]:
@@ -94,18 +95,22 @@ class Body:
             column += len(slope.x)
 
     def state(self) -> State:
-        """All that changes."""
-        flows = [arrays_of(slope.flow, f"slope_{k}_") for k, slope in enumerate(self.slopes)]
-        return {"handed_on": self._handed_on} | {n: a for flow in flows for n, a in flow.items()}
+        """All that changes; of the tapes, what is sealed."""
+        state: State = {}
+        for k, slope in enumerate(self.slopes):
+            flow = arrays_of(slope.flow, f"slope_{k}_")
+            flow[f"slope_{k}_tape"] = sealed_bins(slope.flow)
+            state |= flow | {f"slope_{k}_bins": np.array([slope.flow.tape.shape[2]])}
+        return state
 
     def restore(self, state: State) -> None:
         """Go on from a state."""
         for k, slope in enumerate(self.slopes):
-            tape = state[f"slope_{k}_tape"]
-            if tape.ndim != 3 or tape.shape[:2] != slope.flow.tape.shape[:2]:
-                raise ValueError("its tapes are not those of this set-up")
-            slope.flow = slope.flow._replace(tape=np.zeros(tape.shape))
-        put_back(self.state(), state)
+            tape = f"slope_{k}_tape"
+            arrays = arrays_of(slope.flow, f"slope_{k}_")
+            put_back({name: array for name, array in arrays.items() if name != tape}, state)
+            bins = int(state[f"slope_{k}_bins"][0])
+            slope.flow = with_sealed_bins(slope.flow, bins, state[tape])
 
 
 def _places(flow: Flow, i: int, count: int) -> Ints:

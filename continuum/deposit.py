@@ -55,6 +55,7 @@ def _seal(flow: Flow, i: int, dz: float) -> None:
             sealed = capacity / filled * flow.filling[a, i]
             flow.filling[a, i] -= sealed
             flow.tape[a, row, flow.top[i] % bins] = sealed
+            flow.held[a, row] += sealed
         flow.top[i] += flow.up[i]
         flow.sealed[row] += 1
         filled -= capacity
@@ -78,6 +79,7 @@ def reopen(flow: Flow, i: int, wanted: float) -> None:
             flow.surface[a, i] += dug * opened
             flow.filling[a, i] += opened - dug * opened
             flow.tape[a, row, place] = 0.0
+            flow.held[a, row] -= opened
         wanted -= filled
 
 

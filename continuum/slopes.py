@@ -58,9 +58,8 @@ class Slope:
     @property
     def volume_at_rest(self) -> Floats:
         """Volume (species,) [cm2] of what was poured and lies still."""
-        lying = (self.flow.surface + self.flow.filling).sum(axis=1) + self.flow.tape.sum(
-            axis=(1, 2)
-        )
+        flow = self.flow
+        lying = (flow.surface + flow.filling).sum(axis=1) + flow.held.sum(axis=1)
         return np.asarray(lying * self.grid.dx)
 
 
@@ -136,6 +135,7 @@ def _half_full(experiment: Experiment, base: Floats, x: Floats, grid: Grid, law:
         top=np.where(up > 0, sealed[row], -1),
         sealed=sealed,
         buried=np.zeros_like(sealed),
+        held=tape.sum(axis=2),
         rigid=np.zeros(cells),
         rigid_fraction=composition[:, 0].copy(),
         outflow=np.zeros(len(composition)),

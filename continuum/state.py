@@ -8,6 +8,7 @@ body turns rigidly, a tape runs along the half ring of one radius: both its ends
 cells at x = r and x = -r.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,16 @@ import numpy as np
 from continuum.limiters import VAN_LEER
 from experiment.arrays import Floats, Ints
 
-__all__ = ["MUSCL", "SCHEMES", "Flow", "Grid", "bare_flow", "with_more_bins"]
+__all__ = [
+    "MUSCL",
+    "SCHEMES",
+    "Flow",
+    "Grid",
+    "bare_flow",
+    "sealed_bins",
+    "with_more_bins",
+    "with_sealed_bins",
+]
 
 SCHEMES = ("godunov", "muscl")
 GODUNOV, MUSCL = range(len(SCHEMES))
@@ -46,6 +56,7 @@ class Flow(NamedTuple):
     top: Ints  # (cell,) the place on the tape of the open bin
     sealed: Ints  # (row,) how many bins of the tape are sealed and in memory
     buried: Ints  # (row,) how many more lie below these, handed on as slabs
+    held: Floats  # (species, row) cm; what all sealed bins of the tape hold, those handed on too
     rigid: Floats  # (cell,) cm; how much of bin 0 the surface of before pouring takes up
     rigid_fraction: Floats  # (species,) its composition
     outflow: Floats  # (species,) cm; what fell off the open end, as thickness of one cell
@@ -65,6 +76,7 @@ def bare_flow(height: Floats, rigid_fraction: Floats, bins: int) -> Flow:
         top=np.zeros(len(height), dtype=np.int64),
         sealed=np.zeros(len(height), dtype=np.int64),
         buried=np.zeros(len(height), dtype=np.int64),
+        held=np.zeros(shape),
         rigid=np.zeros(len(height)),
         rigid_fraction=rigid_fraction.copy(),
         outflow=np.zeros(len(rigid_fraction)),
@@ -73,10 +85,32 @@ def bare_flow(height: Floats, rigid_fraction: Floats, bins: int) -> Flow:
 
 def with_more_bins(flow: Flow) -> Flow:
     """The same state with tapes of twice as many bins."""
-    species, rows, bins = flow.tape.shape
-    tape = np.zeros((species, rows, 2 * bins))
-    for cell in np.flatnonzero(flow.up > 0):
-        row = flow.row[cell]
-        places = np.arange(flow.top[cell] - flow.sealed[row], flow.top[cell])
-        tape[:, row, places % (2 * bins)] = flow.tape[:, row, places % bins]
+    return with_sealed_bins(flow, 2 * flow.tape.shape[2], sealed_bins(flow))
+
+
+def sealed_bins(flow: Flow) -> Floats:
+    """What the sealed bins in memory hold, tape after tape in each from below, (bin, species)."""
+    bins = flow.tape.shape[2]
+    shares = [flow.tape[:, row, places % bins].T for row, places in _sealed_places(flow)]
+    return np.concatenate(shares)
+
+
+def with_sealed_bins(flow: Flow, bins: int, content: Floats) -> Flow:
+    """The same state on tapes of so many `bins`, whose sealed ones hold `content`.
+
+    That is as :func:`sealed_bins` tells. Raises ValueError where it is of another number of bins.
+    """
+    tape = np.zeros((*flow.tape.shape[:2], bins))
+    for row, places in _sealed_places(flow):
+        share, content = np.split(content, [len(places)])
+        tape[:, row, places % bins] = share.T
+    if len(content):
+        raise ValueError(f"it holds {len(content)} bins too many")
     return flow._replace(tape=tape)
+
+
+def _sealed_places(flow: Flow) -> Iterator[tuple[int, Ints]]:
+    """Each tape's row and the places (bin,) of its sealed bins, before they are taken modulo."""
+    for cell in np.flatnonzero(flow.up > 0):
+        row = int(flow.row[cell])
+        yield row, np.arange(flow.top[cell] - flow.sealed[row], flow.top[cell])

@@ -35,7 +35,7 @@ from experiment.storage import holds, opened, read_whole, reading, write_whole
 __all__ = ["Work", "locked", "work_folder"]
 
 CHECKPOINT = "checkpoint.nc"
-ROOM = 2**23  # bytes of records in memory
+ROOM = 2**24  # bytes of records in memory
 
 Records = dict[str, Floats]
 
@@ -74,8 +74,8 @@ def locked(path: Path) -> Iterator[Path]:
 class Work:
     """The records and slabs of a pour on disk: its :class:`Keeper` and its :class:`Slabs`.
 
-    A checkpoint is made every so many seconds, when records fill the memory meant for them, and
-    when `stop` says so.
+    A checkpoint is made every so many seconds, and when `stop` says so; records are written when
+    they fill the memory meant for them, too.
     """
 
     def __init__(self, folder: Path, every: float, stop: Callable[[], bool]) -> None:
@@ -101,8 +101,9 @@ class Work:
     def pause(self, pouring: Pouring) -> None:
         """Put a checkpoint down if it is time. Raises :class:`StoppedError` if told to stop."""
         stop = self._stop()
-        full = self._recorder is not None and self._recorder.is_full
-        if stop or full or time.monotonic() >= self._due:
+        if self._recorder is not None and self._recorder.is_full:
+            self._write_records()
+        if stop or time.monotonic() >= self._due:
             self.checkpoint(pouring)
         if stop:
             last = record_steps(pouring.experiment.pour, pouring.dt)[-1]

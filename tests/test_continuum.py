@@ -84,6 +84,7 @@ def test_each_species_is_conserved_over_1e6_steps_with_strong_erosion(cross: flo
         assert min(flow.rolling.min(), flow.surface.min(), flow.filling.min()) >= 0
         if k % 100 == 99:
             assert flow.tape.min() >= 0
+            np.testing.assert_allclose(flow.held, flow.tape.sum(axis=2), rtol=1e-13, atol=1e-13)
             np.testing.assert_allclose(volume(flow), poured, rtol=1e-12)
     assert eroded > 1000 * law.surface_depth, "many times the surface layer was dug up"
 

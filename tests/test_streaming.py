@@ -176,17 +176,16 @@ def test_what_was_handed_on_is_dug_up_again(shape: str) -> None:
     kept = poured(continuum.begin(digging(shape), slabs, most_bins=10_000), slabs)
     found = poured(continuum.begin(digging(shape), few, most_bins=64), few)
     assert not slabs.slabs
-    assert few.laid > 20 < few.taken_back
-    dug = kept["height"].max(axis=0) - kept["height"][-1]
+    assert few.laid > 20
+    assert few.taken_back > 5
+    dug = np.maximum.accumulate(kept["height"]) - kept["height"]
     assert dug.max() > 3.0, "cm"
-    volumes = kept.pop("deposited_volume"), found.pop("deposited_volume")
-    np.testing.assert_allclose(*volumes, rtol=1e-13)
     for name, values in kept.items():
         np.testing.assert_array_equal(found[name], values)
 
 
 def test_grains_that_will_never_topple_are_handed_on() -> None:
-    settings = ["cell.length=3.0", "pour.duration=600.0", "pour.records=5"]
+    settings = ["cell.length=3.0", "cell.end=wall", "pour.duration=300.0", "pour.records=5"]
     experiment, slabs = load("franks", settings), Counted()
     pouring = ca_model.begin(experiment, slabs)
     found = poured(pouring, slabs)
