@@ -7,7 +7,7 @@ import os
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import netCDF4
 import numpy as np
@@ -17,6 +17,7 @@ from experiment.digest import DIGEST, digest_of, drop_checksum, put_checksum, re
 from experiment.encoding import encoding_of
 from experiment.errors import ArchiveError, StratifyError
 from experiment.files import whole_file
+from experiment.zarr_store import in_store, need_zarr, open_group, proven_digest, size_of
 
 __all__ = [
     "is_archive",
@@ -34,6 +35,8 @@ OTHER = (
     f"it carries no {DIGEST}: another program wrote it, or an older version of this one; "
     "`stratify pour` writes it anew"
 )
+
+CHANGED = f"it is damaged or was changed: its content is not that of {DIGEST}"
 
 
 def write_whole(
@@ -98,33 +101,40 @@ def read_whole(path: Path, group: str | None = None, beside: Collection[str] = (
     What is `beside` is left. Raises :class:`ArchiveError` where it is not what was written.
     """
     with reading(path):
-        refuse_damaged(path)
-        with xr.open_dataset(
-            path, engine="netcdf4", group=group, decode_cf=False, create_default_indexes=False
-        ) as stored:
+        with _stored(path, group, decode_cf=False, create_default_indexes=False) as stored:
             told = stored.attrs.pop(DIGEST, None)
             if told is None:
                 raise ArchiveError(OTHER)
             raw = stored.drop_vars(beside, errors="ignore")
-            if raw.nbytes > MOST_SQUEEZED * path.stat().st_size:
+            if raw.nbytes > MOST_SQUEEZED * size_of(path):
                 raise ArchiveError(f"it is damaged: it claims {raw.nbytes:.2g} bytes of numbers")
             dataset = xr.decode_cf(raw).load()
         if digest_of(dataset) != told:
-            raise ArchiveError(f"it is damaged or was changed: its content is not that of {DIGEST}")
+            raise ArchiveError(CHANGED)
     return dataset
 
 
 def is_archive(path: Path) -> bool:
-    """Whether `path` is one that a file of ours would have, by its ending."""
-    return path.suffix == ".nc"
+    """Whether `path` is one that an archive of ours would have, by its ending."""
+    return path.suffix == ".nc" or in_store(path)
 
 
 def told_by(path: Path, attribute: str) -> str:
     """An attribute of the file `path`, which may be older than this version."""
+    if in_store(path):
+        with opened(path) as archive:
+            return str(archive.attrs[attribute])
     with reading(path):
         refuse_damaged(path)
         with netCDF4.Dataset(path) as file:
             return str(file.getncattr(attribute))
+
+
+def _stored(path: Path, group: str | None = None, **how: Any) -> xr.Dataset:
+    if in_store(path):
+        return open_group(path, group, **how)
+    refuse_damaged(path)
+    return xr.open_dataset(path, engine="netcdf4", group=group, **how)
 
 
 @contextmanager
@@ -134,18 +144,21 @@ def opened(path: Path) -> Iterator[xr.Dataset]:
     Raises :class:`ArchiveError` as :func:`read_whole`; a file that another program changed is not
     looked through.
     """
-    with reading(path):
-        refuse_damaged(path)
-        with xr.open_dataset(path, engine="netcdf4", cache=False) as stored:
-            if DIGEST not in stored.attrs:
-                raise ArchiveError(OTHER)
-            yield stored
+    with reading(path), _stored(path, cache=False) as stored:
+        if DIGEST not in stored.attrs:
+            raise ArchiveError(OTHER)
+        if in_store(path) and proven_digest(path) != stored.attrs[DIGEST]:
+            raise ArchiveError(CHANGED)
+        yield stored
 
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
     """Raise :class:`ArchiveError` where what is read from `path` is not that of a whole archive."""
-    if not os.path.isfile(path):  # which does not raise in a folder that nobody may enter
+    if in_store(path):
+        need_zarr()
+    there = path / "zarr.json" if in_store(path) else path
+    if not os.path.isfile(there):  # which does not raise in a folder that nobody may enter
         raise ArchiveError(f"{str(path)!r}: no such archive")
     try:
         yield
@@ -161,4 +174,5 @@ def reading(path: Path) -> Iterator[None]:
 
 def _not_whole(path: Path, error: Exception) -> str:
     reason = " ".join(str(getattr(error, "strerror", None) or error).split())
-    return f"{str(path)!r} is not a whole netCDF-4 archive: {reason}"
+    kind = "Zarr" if in_store(path) else "netCDF-4"
+    return f"{str(path)!r} is not a whole {kind} archive: {reason}"

@@ -31,6 +31,7 @@ from experiment.recorder import Recorder, record_steps
 from experiment.slabs import Slab
 from experiment.state import State, arrays_in, bare_dataset
 from experiment.storage import opened, read_whole, reading, write_whole
+from experiment.zarr_store import beside
 
 __all__ = ["Work", "locked", "work_folder"]
 
@@ -42,7 +43,8 @@ Records = dict[str, Floats]
 
 def work_folder(path: Path) -> Path:
     """Where the work on the archive at `path` goes on."""
-    return path.with_name(f"{path.name}.unfinished")
+    plain = beside(path)
+    return plain.with_name(f"{plain.name}.unfinished")
 
 
 @contextmanager
@@ -224,7 +226,11 @@ class Work:
         known |= {self._records_file(first).name for first in self._record_files}
         known |= {self._slab_file(number).name for number, *_ in self._slabs}
         for entry in self.folder.iterdir():
-            if entry.name not in known:
+            if entry.name in known:
+                continue
+            if entry.is_dir():
+                shutil.rmtree(entry)
+            else:
                 entry.unlink(missing_ok=True)
 
 

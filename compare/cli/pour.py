@@ -14,6 +14,7 @@ from compare.cli.terminal import open_bars, progress_on, say
 from experiment import Experiment, NotApplicableError, StoppedError
 from experiment.files import refuse_existing
 from experiment.streaming import EVERY, pour_to_file
+from experiment.zarr_store import file_or_group
 
 __all__ = ["pour"]
 
@@ -64,7 +65,7 @@ def pour(
     folder = folder or folder_of(setup)
     model = model or model_of(setup) or "both"
     models = _applicable(experiment, list(BEGIN) if model == "both" else [model])
-    paths = {name: folder / f"{name}.nc" for name in models}
+    paths = {name: file_or_group(folder, name) for name in models}
     if not (resume or extend):
         refuse_existing(paths.values(), force=force)
     with Stop() as stop:

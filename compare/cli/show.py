@@ -9,6 +9,7 @@ from compare.cli.terminal import say
 from compare.figure import draw, save
 from experiment.archive import read
 from experiment.files import refuse_existing
+from experiment.zarr_store import beside
 
 __all__ = ["show"]
 
@@ -25,6 +26,6 @@ def show(file: Path, output: Path | None, force: bool) -> None:
     Example: stratify show pours/glass-sugar/continuum.nc -o picture.png
     """
     archive = read(file)
-    picture = output or file.with_suffix(".png")
+    picture = output or beside(file.with_suffix(".png"))
     refuse_existing([picture], force=force)
     say(f"wrote {save(draw([archive]), picture, force=force)}")

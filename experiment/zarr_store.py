@@ -1,0 +1,196 @@
+"""Archives in a Zarr store, which takes the part of the folder: a group for each file.
+
+    run.zarr/                    a group of groups, with a list of all there is ("consolidated")
+        ca_model/  continuum/    archives: names, numbers, attributes and digest of the netCDF-4
+            state/               what a longer pour goes on from
+    run.continuum.unfinished/    work on an archive, beside the store
+    run.comparison.nc  .png      and so what `compare` writes
+
+A group is made of a whole netCDF-4 archive, some rows at a time, and then renamed. Every piece
+carries its CRC-32C. A piece that is lost reads as NaN or 0, and whoever asks only zarr is not told;
+here the digest tells. One folder cannot be renamed over another, so that an old group is put aside
+first; a process that is killed between the two leaves it in the work folder, whole, and the next
+pour of that name puts it back.
+
+Needs zarr, `pip install 'stratify[zarr]'`; nothing of it is imported before it is used.
+"""
+
+import json
+import math
+import os
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import netCDF4
+import numpy as np
+import xarray as xr
+
+from experiment.digest import digest_of
+from experiment.errors import ArchiveError
+from experiment.files import make_folder, sync, whole_file
+
+if TYPE_CHECKING:
+    from zarr import Group
+
+__all__ = [
+    "beside",
+    "file_or_group",
+    "fill_store",
+    "in_store",
+    "make_ready",
+    "need_zarr",
+    "open_group",
+    "proven_digest",
+    "size_of",
+]
+
+PIECE = 2**22  # bytes; each is a file of its own
+REPLACED = "replaced"
+ROOT = {"zarr_format": 3, "node_type": "group", "attributes": {}}
+
+
+def in_store(path: Path) -> bool:
+    """Whether the archive `path` is a group of a Zarr store, by the ending of the store."""
+    return path.parent.suffix == ".zarr"
+
+
+def file_or_group(folder: Path, name: str) -> Path:
+    """The archive called `name` in a folder or a Zarr store."""
+    path = folder / name
+    return path if in_store(path) else path.with_name(f"{name}.nc")
+
+
+def beside(path: Path) -> Path:
+    """`path`, but out of a Zarr store, in which there is no place for other files."""
+    store = path.parent
+    return store.with_name(f"{store.stem}.{path.name}") if in_store(path) else path
+
+
+def need_zarr() -> None:
+    """Raise :class:`ArchiveError` where zarr is not installed."""
+    if find_spec("zarr") is None:
+        raise ArchiveError("Zarr stores are the work of zarr: pip install 'stratify[zarr]'")
+
+
+def open_group(path: Path, group: str | None = None, **how: Any) -> xr.Dataset:
+    """The Dataset in the group `path`, or in a group of that, read as it is needed."""
+    return xr.open_dataset(
+        path / (group or ""), engine="zarr", consolidated=False, zarr_format=3, **how
+    )
+
+
+def proven_digest(path: Path) -> str:
+    """The digest of what the group `path` holds; not worked out again while its files stay."""
+    told = ((entry, entry.stat()) for entry in path.rglob("*"))
+    return _digest(path, frozenset((str(e), s.st_ino, s.st_size, s.st_mtime_ns) for e, s in told))
+
+
+@lru_cache(maxsize=8)
+def _digest(path: Path, files: frozenset[tuple[str, int, int, int]]) -> str:  # noqa: ARG001
+    with open_group(path, cache=False) as stored:
+        return digest_of(stored)
+
+
+def size_of(path: Path) -> int:
+    """The size [bytes] of the file `path`, or of all files in the group."""
+    return sum(entry.stat().st_size for entry in (path, *path.rglob("*")))
+
+
+def fill_store(part: Path, path: Path) -> None:
+    """Make the finished netCDF-4 archive `part` the group `path`, in place of one that is there."""
+    made = part.with_name(f"{part.name}.zarr")
+    with netCDF4.Dataset(part) as file:
+        groups = [None, *file.groups]
+    for group in groups:
+        _copy(part, group, made / (group or ""))
+    for entry in (made, *made.rglob("*")):
+        sync(entry)
+    with _unlisted(path.parent):
+        if path.exists():
+            path.rename(part.with_name(REPLACED))
+        made.rename(path)
+        sync(path.parent)
+
+
+def make_ready(path: Path, folder: Path) -> None:
+    """Make the store for the group `path`, and undo half a replacement that its `folder` tells of.
+
+    Raises :class:`ArchiveError` where the store cannot be made.
+    """
+    need_zarr()
+    make_folder(path.parent)
+    if (folder / REPLACED).exists() and not path.exists():
+        (folder / REPLACED).rename(path)
+
+
+def _copy(part: Path, group: str | None, to: Path) -> None:
+    from zarr import open_group as open_zarr
+
+    with xr.open_dataset(
+        part, engine="netcdf4", group=group, decode_cf=False, create_default_indexes=False
+    ) as stored:
+        made = open_zarr(to, mode="w-", zarr_format=3, attributes=_plain(stored.attrs))
+        for name, values in stored.variables.items():
+            _copy_variable(values, made, str(name))
+
+
+def _copy_variable(values: xr.Variable, group: "Group", name: str) -> None:
+    """Store a variable as it lies in netCDF-4: in the same type, and squeezed alike."""
+    from zarr.codecs import BloscCodec, Crc32cCodec
+
+    told, shape, words = values.encoding, values.shape, values.dtype.kind in "OU"
+    rows = max(1, PIECE // max(1, values.dtype.itemsize * math.prod(shape[1:])))
+    blosc = BloscCodec(
+        cname="zlib",
+        clevel=told.get("complevel", 0),
+        shuffle="shuffle" if told.get("shuffle") else "noshuffle",
+    )
+    lost = "" if words else np.nan if values.dtype.kind == "f" else 0
+    array = group.create_array(
+        name,
+        shape=shape,
+        dtype="string" if words else values.dtype,
+        chunks=tuple(max(1, min(rows, n) if k == 0 else n) for k, n in enumerate(shape)),
+        compressors=[*([blosc] if told.get("zlib") else []), Crc32cCodec()],
+        chunk_key_encoding={"name": "default", "separator": "."},
+        fill_value=values.attrs.get("_FillValue", lost),
+        dimension_names=[str(dim) for dim in values.dims],
+        attributes=_plain(values.attrs),
+        config={"write_empty_chunks": True},
+    )
+    firsts = range(0, shape[0], rows) if shape else ()
+    for part in [slice(first, first + rows) for first in firsts] if shape else [...]:
+        array[part] = values[part].values
+
+
+def _plain(attributes: Mapping[Any, Any]) -> dict[str, Any]:
+    return {str(name): np.asarray(told).tolist() for name, told in attributes.items()}
+
+
+@contextmanager
+def _unlisted(store: Path) -> Iterator[None]:
+    """Change what the store holds: its list, which nobody may trust meanwhile, is made anew."""
+    import fcntl
+
+    from zarr import consolidate_metadata
+
+    handle = os.open(store, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX)
+        root = store / "zarr.json"
+        told = json.loads(root.read_text()) if root.exists() else ROOT
+        told.pop("consolidated_metadata", None)
+        with whole_file(root, force=True) as part:
+            part.write_text(json.dumps(told, indent=2))
+        yield
+        with warnings.catch_warnings(
+            action="ignore"
+        ):  # zarr's own: the list is not in its standard
+            consolidate_metadata(store, zarr_format=3)
+    finally:
+        os.close(handle)
