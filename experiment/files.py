@@ -8,7 +8,15 @@ from pathlib import Path
 
 from experiment.errors import ArchiveError, OutputExistsError
 
-__all__ = ["make_folder", "put_in_place", "refuse_existing", "sync", "whole_file", "writing"]
+__all__ = [
+    "make_folder",
+    "put_in_place",
+    "refuse_existing",
+    "size_of",
+    "sync",
+    "whole_file",
+    "writing",
+]
 
 
 def refuse_existing(paths: Iterable[Path], *, force: bool) -> None:
@@ -68,6 +76,11 @@ def put_in_place(part: Path, path: Path) -> None:
     sync(part)
     part.replace(path)
     sync(path.parent)
+
+
+def size_of(path: Path) -> int:
+    """The size [bytes] of a file, or of a folder and all in it."""
+    return sum(entry.stat().st_size for entry in (path, *path.rglob("*")))
 
 
 def sync(path: Path) -> None:

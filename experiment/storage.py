@@ -1,6 +1,7 @@
 """Datasets in files that are whole or absent, and that say so when they were damaged.
 
-netCDF-4, whatever the Dataset tells of; :mod:`experiment.digest` has what proves a file.
+netCDF-4, whatever the Dataset tells of; :mod:`experiment.digest` has what proves a file. What is
+read may be a group of a Zarr store as well (:mod:`experiment.zarr_store`).
 """
 
 import os
@@ -16,11 +17,11 @@ import xarray as xr
 from experiment.digest import DIGEST, digest_of, drop_checksum, put_checksum, refuse_damaged
 from experiment.encoding import encoding_of
 from experiment.errors import ArchiveError, StratifyError
-from experiment.files import whole_file
-from experiment.zarr_store import in_store, need_zarr, open_group, proven_digest, size_of
+from experiment.files import size_of, whole_file
+from experiment.places import in_store
+from experiment.zarr_store import need_zarr, open_group, proven_digest
 
 __all__ = [
-    "is_archive",
     "opened",
     "read_whole",
     "reading",
@@ -52,6 +53,8 @@ def write_whole(
     :class:`OutputExistsError` where `path` exists and `force` is not given, and
     :class:`ArchiveError` where it cannot be written.
     """
+    if in_store(path):
+        raise ArchiveError(f"{str(path)!r}: Datasets go to netCDF-4 files only; see pour_to_file")
     with whole_file(path, force=force) as part:
         store(dataset, part)
         for name, group in (groups or {}).items():
@@ -112,11 +115,6 @@ def read_whole(path: Path, group: str | None = None, beside: Collection[str] = (
         if digest_of(dataset) != told:
             raise ArchiveError(CHANGED)
     return dataset
-
-
-def is_archive(path: Path) -> bool:
-    """Whether `path` is one that an archive of ours would have, by its ending."""
-    return path.suffix == ".nc" or in_store(path)
 
 
 def told_by(path: Path, attribute: str) -> str:

@@ -13,11 +13,12 @@ from experiment.errors import OutputExistsError
 from experiment.experiment import Experiment
 from experiment.extension import extended
 from experiment.files import put_in_place, refuse_existing, writing
+from experiment.places import in_store
 from experiment.pouring import Begin, Pouring, Progress, run_to_the_end
 from experiment.provenance import difference, stamp
 from experiment.storage import opened
 from experiment.work import Work, locked
-from experiment.zarr_store import fill_store, in_store, make_ready
+from experiment.zarr_store import fill_store, make_ready
 
 __all__ = ["Finish", "pour_to_file"]
 

@@ -25,13 +25,13 @@ from experiment.digest import DIGEST
 from experiment.errors import ArchiveError, OutputExistsError, StoppedError
 from experiment.extension import STATE, Base
 from experiment.files import make_folder
+from experiment.places import beside
 from experiment.pouring import Pouring
 from experiment.provenance import difference, stamp
 from experiment.recorder import Recorder, record_steps
 from experiment.slabs import Slab
 from experiment.state import State, arrays_in, bare_dataset
 from experiment.storage import opened, read_whole, reading, write_whole
-from experiment.zarr_store import beside
 
 __all__ = ["Work", "locked", "work_folder"]
 

@@ -3,8 +3,6 @@
     run.zarr/                    a group of groups, with a list of all there is ("consolidated")
         ca_model/  continuum/    archives: names, numbers, attributes and digest of the netCDF-4
             state/               what a longer pour goes on from
-    run.continuum.unfinished/    work on an archive, beside the store
-    run.comparison.nc  .png      and so what `compare` writes
 
 A group is made of a whole netCDF-4 archive, some rows at a time, and then renamed. Every piece
 carries its CRC-32C. A piece that is lost reads as NaN or 0, and whoever asks only zarr is not told;
@@ -20,7 +18,7 @@ import math
 import os
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -37,38 +35,10 @@ from experiment.files import make_folder, sync, whole_file
 if TYPE_CHECKING:
     from zarr import Group
 
-__all__ = [
-    "beside",
-    "file_or_group",
-    "fill_store",
-    "in_store",
-    "make_ready",
-    "need_zarr",
-    "open_group",
-    "proven_digest",
-    "size_of",
-]
+__all__ = ["fill_store", "make_ready", "need_zarr", "open_group", "proven_digest"]
 
 PIECE = 2**22  # bytes; each is a file of its own
 REPLACED = "replaced"
-ROOT = {"zarr_format": 3, "node_type": "group", "attributes": {}}
-
-
-def in_store(path: Path) -> bool:
-    """Whether the archive `path` is a group of a Zarr store, by the ending of the store."""
-    return path.parent.suffix == ".zarr"
-
-
-def file_or_group(folder: Path, name: str) -> Path:
-    """The archive called `name` in a folder or a Zarr store."""
-    path = folder / name
-    return path if in_store(path) else path.with_name(f"{name}.nc")
-
-
-def beside(path: Path) -> Path:
-    """`path`, but out of a Zarr store, in which there is no place for other files."""
-    store = path.parent
-    return store.with_name(f"{store.stem}.{path.name}") if in_store(path) else path
 
 
 def need_zarr() -> None:
@@ -96,11 +66,6 @@ def _digest(path: Path, files: frozenset[tuple[str, int, int, int]]) -> str:  # 
         return digest_of(stored)
 
 
-def size_of(path: Path) -> int:
-    """The size [bytes] of the file `path`, or of all files in the group."""
-    return sum(entry.stat().st_size for entry in (path, *path.rglob("*")))
-
-
 def fill_store(part: Path, path: Path) -> None:
     """Make the finished netCDF-4 archive `part` the group `path`, in place of one that is there."""
     made = part.with_name(f"{part.name}.zarr")
@@ -124,8 +89,9 @@ def make_ready(path: Path, folder: Path) -> None:
     """
     need_zarr()
     make_folder(path.parent)
-    if (folder / REPLACED).exists() and not path.exists():
-        (folder / REPLACED).rename(path)
+    with _unlisted(path.parent):
+        if (folder / REPLACED).exists() and not path.exists():
+            (folder / REPLACED).rename(path)
 
 
 def _copy(part: Path, group: str | None, to: Path) -> None:
@@ -174,23 +140,27 @@ def _plain(attributes: Mapping[Any, Any]) -> dict[str, Any]:
 
 @contextmanager
 def _unlisted(store: Path) -> Iterator[None]:
-    """Change what the store holds: its list, which nobody may trust meanwhile, is made anew."""
+    """Change what the store holds, by one process at a time: what it lists is true at any moment.
+
+    Its list is taken away before, and made anew after; there is none beside a damaged archive.
+    """
     import fcntl
 
     from zarr import consolidate_metadata
 
-    handle = os.open(store, os.O_RDONLY)
+    handle, root = os.open(store, os.O_RDONLY), store / "zarr.json"
     try:
         fcntl.flock(handle, fcntl.LOCK_EX)
-        root = store / "zarr.json"
-        told = json.loads(root.read_text()) if root.exists() else ROOT
+        try:
+            told = dict(json.loads(root.read_text()))
+        except (FileNotFoundError, TypeError, ValueError):
+            told = {"zarr_format": 3, "node_type": "group", "attributes": {}}
         told.pop("consolidated_metadata", None)
         with whole_file(root, force=True) as part:
             part.write_text(json.dumps(told, indent=2))
         yield
-        with warnings.catch_warnings(
-            action="ignore"
-        ):  # zarr's own: the list is not in its standard
+        with suppress(LookupError, OSError, TypeError, ValueError), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that the list is in no standard yet
             consolidate_metadata(store, zarr_format=3)
     finally:
         os.close(handle)

@@ -18,8 +18,8 @@ from compare.prediction import base, models_with_chance, with_piles, with_predic
 from compare.table import as_records, table
 from experiment import Experiment
 from experiment.files import refuse_existing
+from experiment.places import beside
 from experiment.storage import write_whole
-from experiment.zarr_store import beside
 
 __all__ = ["compare"]
 

@@ -13,8 +13,8 @@ from compare.cli.stopping import Stop
 from compare.cli.terminal import open_bars, progress_on, say
 from experiment import Experiment, NotApplicableError, StoppedError
 from experiment.files import refuse_existing
+from experiment.places import archive_at
 from experiment.streaming import EVERY, pour_to_file
-from experiment.zarr_store import file_or_group
 
 __all__ = ["pour"]
 
@@ -65,7 +65,7 @@ def pour(
     folder = folder or folder_of(setup)
     model = model or model_of(setup) or "both"
     models = _applicable(experiment, list(BEGIN) if model == "both" else [model])
-    paths = {name: file_or_group(folder, name) for name in models}
+    paths = {name: archive_at(folder, name) for name in models}
     if not (resume or extend):
         refuse_existing(paths.values(), force=force)
     with Stop() as stop:

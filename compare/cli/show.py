@@ -9,7 +9,7 @@ from compare.cli.terminal import say
 from compare.figure import draw, save
 from experiment.archive import read
 from experiment.files import refuse_existing
-from experiment.zarr_store import beside
+from experiment.places import beside
 
 __all__ = ["show"]
 
