@@ -4,16 +4,14 @@
         ca_model/  continuum/    archives: names, numbers, attributes and digest of the netCDF-4
             state/               what a longer pour goes on from
 
-A group is made of a whole netCDF-4 archive, some rows at a time, and then renamed. Every piece
-carries its CRC-32C. A piece that is lost reads as NaN or 0, and whoever asks only zarr is not told;
-here the digest tells. One folder cannot be renamed over another, so that an old group is put aside
-first; a process that is killed between the two leaves it in the work folder, whole, and the next
-pour of that name puts it back.
+A group is made of a whole netCDF-4 archive, some rows at a time, and then renamed. Each piece has
+its CRC-32C; one that is lost reads as NaN or 0 in zarr, and only the digest tells. No folder can be
+renamed over another, so an old group is put aside first: a process that is killed between the two
+leaves it whole in the work folder, and the next pour of that name puts it back.
 
 Needs zarr, `pip install 'stratify[zarr]'`; nothing of it is imported before it is used.
 """
 
-import json
 import math
 import os
 import warnings
@@ -30,7 +28,7 @@ import xarray as xr
 
 from experiment.digest import digest_of
 from experiment.errors import ArchiveError
-from experiment.files import make_folder, sync, whole_file
+from experiment.files import make_folder, sync
 
 if TYPE_CHECKING:
     from zarr import Group
@@ -39,6 +37,7 @@ __all__ = ["fill_store", "make_ready", "need_zarr", "open_group", "proven_digest
 
 PIECE = 2**22  # bytes; each is a file of its own
 REPLACED = "replaced"
+WORDS = "OU"  # kinds of numpy
 
 
 def need_zarr() -> None:
@@ -49,9 +48,9 @@ def need_zarr() -> None:
 
 def open_group(path: Path, group: str | None = None, **how: Any) -> xr.Dataset:
     """The Dataset in the group `path`, or in a group of that, read as it is needed."""
-    return xr.open_dataset(
-        path / (group or ""), engine="zarr", consolidated=False, zarr_format=3, **how
-    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of what is no Zarr, which may be what is left of it
+        return xr.open_dataset(path / (group or ""), engine="zarr", consolidated=False, **how)
 
 
 def proven_digest(path: Path) -> str:
@@ -107,20 +106,17 @@ def _copy(part: Path, group: str | None, to: Path) -> None:
 
 def _copy_variable(values: xr.Variable, group: "Group", name: str) -> None:
     """Store a variable as it lies in netCDF-4: in the same type, and squeezed alike."""
-    from zarr.codecs import BloscCodec, Crc32cCodec
+    from zarr.codecs import BloscCodec, BloscShuffle, Crc32cCodec
 
-    told, shape, words = values.encoding, values.shape, values.dtype.kind in "OU"
+    told, shape, kind = values.encoding, values.shape, values.dtype.kind
     rows = max(1, PIECE // max(1, values.dtype.itemsize * math.prod(shape[1:])))
-    blosc = BloscCodec(
-        cname="zlib",
-        clevel=told.get("complevel", 0),
-        shuffle="shuffle" if told.get("shuffle") else "noshuffle",
-    )
-    lost = "" if words else np.nan if values.dtype.kind == "f" else 0
+    shuffle = BloscShuffle.shuffle if told.get("shuffle") else BloscShuffle.noshuffle
+    blosc = BloscCodec(cname="zlib", clevel=told.get("complevel", 0), shuffle=shuffle)
+    lost = "" if kind in WORDS else np.nan if kind == "f" else 0
     array = group.create_array(
         name,
         shape=shape,
-        dtype="string" if words else values.dtype,
+        dtype="string" if kind in WORDS else values.dtype,
         chunks=tuple(max(1, min(rows, n) if k == 0 else n) for k, n in enumerate(shape)),
         compressors=[*([blosc] if told.get("zlib") else []), Crc32cCodec()],
         chunk_key_encoding={"name": "default", "separator": "."},
@@ -147,17 +143,18 @@ def _unlisted(store: Path) -> Iterator[None]:
     import fcntl
 
     from zarr import consolidate_metadata
+    from zarr import open_group as open_zarr
 
-    handle, root = os.open(store, os.O_RDONLY), store / "zarr.json"
+    handle = os.open(store, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX)
         try:
-            told = dict(json.loads(root.read_text()))
-        except (FileNotFoundError, TypeError, ValueError):
-            told = {"zarr_format": 3, "node_type": "group", "attributes": {}}
-        told.pop("consolidated_metadata", None)
-        with whole_file(root, force=True) as part:
-            part.write_text(json.dumps(told, indent=2))
+            root = open_zarr(store, mode="a", zarr_format=3, use_consolidated=False)
+        except (AttributeError, LookupError, TypeError, ValueError) as error:
+            raise ArchiveError(
+                f"{str(store / 'zarr.json')!r} is not that of a store: {error}"
+            ) from None
+        root.update_attributes({})  # and write it without the list
         yield
         with suppress(LookupError, OSError, TypeError, ValueError), warnings.catch_warnings():
             warnings.simplefilter("ignore")  # that the list is in no standard yet
