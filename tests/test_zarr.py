@@ -182,26 +182,39 @@ class Killed(BaseException):
     """No error that anybody handles."""
 
 
-def test_a_pour_killed_while_it_replaces_a_group_loses_neither(group: Path, monkeypatch) -> None:
-    before, rename = read(group), Path.rename
+@pytest.mark.parametrize(
+    ("moment", "left"),
+    [("replaced", "old"), ("continuum", "old"), ("list", "new")],
+)
+def test_a_pour_killed_while_it_replaces_a_group_loses_neither(
+    group: Path, monkeypatch, moment: str, left: str
+) -> None:
+    """Killed before the old one is put aside, between that and the new one's name, and after it."""
+    rename, consolidate, calls = Path.rename, zarr.consolidate_metadata, iter("ab")
 
-    def killed(part: Path, path: Path) -> Path:
-        if path == group:
+    def rename_or_die(part: Path, path: Path) -> Path:
+        if path.name == moment:
             raise Killed
         return rename(part, path)
 
+    def list_or_die(*arguments, **how):
+        if moment == "list" and next(calls) == "b":  # the first lists what there is before
+            raise Killed
+        return consolidate(*arguments, **how)
+
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "rename", killed)
+        patch.setattr(Path, "rename", rename_or_die)
+        patch.setattr(zarr, "consolidate_metadata", list_or_die)
         with pytest.raises(Killed):
             pour("continuum", group, LONGER, force=True)
-    assert not group.exists()
+    assert group.exists() == (moment != "continuum")
     with xr.open_zarr(group.parent, group="ca_model", consolidated=False) as other:
         assert other.attrs["model"] == "ca_model"
     with pytest.raises(OutputExistsError, match="exists already"):
         pour("continuum", group)
-    assert read(group).identical(before)
     with xr.open_zarr(group.parent, group="continuum") as listed:
-        assert listed.sizes["time"] == before.sizes["time"]
+        assert float(listed["time"][-1]) == float(read(group)["time"][-1])
+        assert (float(listed["time"][-1]) > 99) == (left == "new")
     assert pour("continuum", group, LONGER, force=True)
     assert float(read(group)["time"][-1]) > 99
     assert [entry.name for entry in group.parent.parent.iterdir()] == ["run.zarr"]

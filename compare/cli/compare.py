@@ -58,8 +58,9 @@ def compare(
 ) -> None:
     """Measure kinks and layers in each FOLDER that `pour` wrote; put the models side by side.
 
-    Prints one table, and writes comparison.nc and comparison.png into each folder. Where inputs are
-    uncertain, it pours draws of them and predicts ranges.
+    Prints one table, and writes comparison.nc and comparison.png into each folder; beside a Zarr
+    store run.zarr they are run.comparison.nc and run.comparison.png. Where inputs are uncertain, it
+    pours draws of them and predicts ranges.
 
     Example: stratify compare pours/glass-sugar --vary mixture.psi=0.1:0.3 --draws 64
     """

@@ -27,7 +27,12 @@ __all__ = ["pour"]
     help="Which model pours. Default: both, or the one that poured the archive SETUP.",
 )
 @click.option(
-    "-o", "--output", "folder", type=path_type, metavar="FOLDER", help="Default: pours/SETUP."
+    "-o",
+    "--output",
+    "folder",
+    type=path_type,
+    metavar="FOLDER",
+    help="Default: pours/SETUP. One that ends in .zarr is a Zarr store.",
 )
 @set_option
 @force_option
@@ -58,6 +63,10 @@ def pour(
 
     Writes FOLDER/ca_model.nc and FOLDER/continuum.nc. While it pours, the work is beside them in
     folders that end in .unfinished; a pour that was stopped or killed goes on with --resume.
+
+    With -o run.zarr the archives are the groups run.zarr/ca_model and run.zarr/continuum, the work
+    is beside run.zarr, and every command takes that for a folder. Needs zarr: pip install
+    'stratify[zarr]'.
 
     Example: stratify pour glass-sugar --set 'feed.inflow=[0.2,0.2]' -o pours/thicker
     """

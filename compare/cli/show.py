@@ -21,7 +21,9 @@ __all__ = ["show"]
 )
 @force_option
 def show(file: Path, output: Path | None, force: bool) -> None:
-    """Draw the deposit and the kymograph of the archive FILE.
+    """Draw the deposit and the kymograph of the archive FILE, or of the group run.zarr/continuum.
+
+    The picture of a group is beside its store: run.continuum.png.
 
     Example: stratify show pours/glass-sugar/continuum.nc -o picture.png
     """
