@@ -208,6 +208,7 @@ def test_a_pour_killed_while_it_replaces_a_group_loses_neither(
         with pytest.raises(Killed):
             pour("continuum", group, LONGER, force=True)
     assert group.exists() == (moment != "continuum")
+    assert "consolidated_metadata" not in json.loads((group.parent / "zarr.json").read_text())
     with xr.open_zarr(group.parent, group="ca_model", consolidated=False) as other:
         assert other.attrs["model"] == "ca_model"
     with pytest.raises(OutputExistsError, match="exists already"):
