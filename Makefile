@@ -39,7 +39,7 @@ picture: run
 	@touch $@
 
 .venv/.test: .venv/.run
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable ".[photo,test]"
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable ".[photo,test,zarr]"
 	@touch $@
 
 .venv/.bench: .venv/.test
@@ -54,7 +54,7 @@ picture: run
 # Newest versions that fit together; commit what it writes.
 lock:
 	rm -rf .venv && $(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --editable ".[photo,test,bench]"
+	$(BIN)/pip install --quiet --editable ".[photo,test,bench,zarr]"
 	$(BIN)/pip freeze --exclude-editable > constraints.txt
 
 clean:

@@ -27,6 +27,7 @@ from experiment.archive import assemble, experiment_of, load
 from experiment.arrays import Ints
 from experiment.assembly import skeleton
 from experiment.errors import ArchiveError
+from experiment.places import in_store
 from experiment.pouring import Pouring
 from experiment.slabs import Slab
 from experiment.storage import reading, seal
@@ -61,6 +62,8 @@ def pour_to_disk(
     """
     if log < 1:
         raise SetupError(f"log = {log}: it should be at least 1")
+    if in_store(path):
+        raise SetupError(f"path = {path}: grains go to netCDF-4 files only, not to a Zarr store")
     pour_to_file(
         partial(begin, log=log),
         experiment,

@@ -8,7 +8,15 @@ from pathlib import Path
 
 from experiment.errors import ArchiveError, OutputExistsError
 
-__all__ = ["make_folder", "put_in_place", "refuse_existing", "whole_file", "writing"]
+__all__ = [
+    "make_folder",
+    "put_in_place",
+    "refuse_existing",
+    "size_of",
+    "sync",
+    "whole_file",
+    "writing",
+]
 
 
 def refuse_existing(paths: Iterable[Path], *, force: bool) -> None:
@@ -65,12 +73,18 @@ def put_in_place(part: Path, path: Path) -> None:
 
     First its content is on the disk, then its name.
     """
-    _sync(part)
+    sync(part)
     part.replace(path)
-    _sync(path.parent)
+    sync(path.parent)
 
 
-def _sync(path: Path) -> None:
+def size_of(path: Path) -> int:
+    """The size [bytes] of a file, or of a folder and all in it."""
+    return sum(entry.stat().st_size for entry in (path, *path.rglob("*")))
+
+
+def sync(path: Path) -> None:
+    """Wait until the file or folder `path` is on the disk."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

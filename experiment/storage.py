@@ -1,13 +1,14 @@
 """Datasets in files that are whole or absent, and that say so when they were damaged.
 
-netCDF-4, whatever the Dataset tells of; :mod:`experiment.digest` has what proves a file.
+netCDF-4, whatever the Dataset tells of; :mod:`experiment.digest` has what proves a file. What is
+read may be a group of a Zarr store as well (:mod:`experiment.zarr_store`).
 """
 
 import os
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import netCDF4
 import numpy as np
@@ -16,12 +17,13 @@ import xarray as xr
 from experiment.digest import DIGEST, digest_of, put_checksum, refuse_damaged
 from experiment.encoding import PIECE, encoding_of
 from experiment.errors import ArchiveError, StratifyError
-from experiment.files import whole_file
+from experiment.files import size_of, whole_file
+from experiment.places import in_store
+from experiment.zarr_store import need_zarr, open_group, proven_digest
 
 __all__ = [
     "few_pieces",
     "holds",
-    "is_archive",
     "opened",
     "read_whole",
     "reading",
@@ -38,6 +40,8 @@ OTHER = (
     "`stratify pour` writes it anew"
 )
 
+CHANGED = f"it is damaged or was changed: its content is not that of {DIGEST}"
+
 
 def write_whole(
     dataset: xr.Dataset,
@@ -52,6 +56,8 @@ def write_whole(
     :class:`OutputExistsError` where `path` exists and `force` is not given, and
     :class:`ArchiveError` where it cannot be written.
     """
+    if in_store(path):
+        raise ArchiveError(f"{str(path)!r}: Datasets go to netCDF-4 files only; see pour_to_file")
     with whole_file(path, force=force) as part:
         store(dataset, part)
         for name, group in (groups or {}).items():
@@ -103,39 +109,44 @@ def read_whole(path: Path, group: str | None = None, beside: Collection[str] = (
     What is `beside` is left. Raises :class:`ArchiveError` where it is not what was written.
     """
     with reading(path):
-        refuse_damaged(path)
-        with xr.open_dataset(
-            path, engine="netcdf4", group=group, decode_cf=False, create_default_indexes=False
-        ) as stored:
+        with _stored(path, group, decode_cf=False, create_default_indexes=False) as stored:
             told = stored.attrs.pop(DIGEST, None)
             if told is None:
                 raise ArchiveError(OTHER)
             raw = stored.drop_vars(beside, errors="ignore")
-            if raw.nbytes > MOST_SQUEEZED * path.stat().st_size:
+            if raw.nbytes > MOST_SQUEEZED * size_of(path):
                 raise ArchiveError(f"it is damaged: it claims {raw.nbytes:.2g} bytes of numbers")
             dataset = xr.decode_cf(raw).load()
         if digest_of(dataset) != str(told):
-            raise ArchiveError(f"it is damaged or was changed: its content is not that of {DIGEST}")
+            raise ArchiveError(CHANGED)
     return dataset
 
 
-def is_archive(path: Path) -> bool:
-    """Whether `path` is one that a file of ours would have, by its ending."""
-    return path.suffix == ".nc"
-
-
 def holds(path: Path, group: str) -> bool:
-    """Whether the file `path` has that group."""
-    with reading(path), netCDF4.Dataset(path) as file:
-        return group in file.groups
+    """Whether the file or group `path` has a group of that name."""
+    with reading(path):
+        if in_store(path):
+            return (path / group).is_dir()
+        with netCDF4.Dataset(path) as file:
+            return group in file.groups
 
 
 def told_by(path: Path, attribute: str) -> str:
     """An attribute of the file `path`, which may be older than this version."""
+    if in_store(path):
+        with opened(path) as archive:
+            return str(archive.attrs[attribute])
     with reading(path):
         refuse_damaged(path)
         with netCDF4.Dataset(path) as file:
             return str(file.getncattr(attribute))
+
+
+def _stored(path: Path, group: str | None = None, **how: Any) -> xr.Dataset:
+    if in_store(path):
+        return open_group(path, group, **how)
+    refuse_damaged(path)
+    return xr.open_dataset(path, engine="netcdf4", group=group, **how)
 
 
 @contextmanager
@@ -159,18 +170,21 @@ def opened(path: Path) -> Iterator[xr.Dataset]:
     Raises :class:`ArchiveError` as :func:`read_whole`; a file that another program changed is not
     looked through.
     """
-    with reading(path):
-        refuse_damaged(path)
-        with few_pieces(), xr.open_dataset(path, engine="netcdf4", cache=False) as stored:
-            if DIGEST not in stored.attrs:
-                raise ArchiveError(OTHER)
-            yield stored
+    with reading(path), few_pieces(), _stored(path, cache=False) as stored:
+        if DIGEST not in stored.attrs:
+            raise ArchiveError(OTHER)
+        if in_store(path) and proven_digest(path) != stored.attrs[DIGEST]:
+            raise ArchiveError(CHANGED)
+        yield stored
 
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
     """Raise :class:`ArchiveError` where what is read from `path` is not that of a whole archive."""
-    if not os.path.isfile(path):  # which does not raise in a folder that nobody may enter
+    if in_store(path):
+        need_zarr()
+    there = path / "zarr.json" if in_store(path) else path
+    if not os.path.isfile(there):  # which does not raise in a folder that nobody may enter
         raise ArchiveError(f"{str(path)!r}: no such archive")
     try:
         yield
@@ -186,4 +200,5 @@ def reading(path: Path) -> Iterator[None]:
 
 def _not_whole(path: Path, error: Exception) -> str:
     reason = " ".join(str(getattr(error, "strerror", None) or error).split())
-    return f"{str(path)!r} is not a whole netCDF-4 archive: {reason}"
+    kind = "Zarr" if in_store(path) else "netCDF-4"
+    return f"{str(path)!r} is not a whole {kind} archive: {reason}"

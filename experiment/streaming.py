@@ -13,10 +13,12 @@ from experiment.errors import OutputExistsError
 from experiment.experiment import Experiment
 from experiment.extension import extended
 from experiment.files import put_in_place, refuse_existing, writing
+from experiment.places import in_store
 from experiment.pouring import Begin, Pouring, Progress, run_to_the_end
 from experiment.provenance import difference, stamp
 from experiment.storage import opened
 from experiment.work import Work, locked
+from experiment.zarr_store import fill_store, make_ready
 
 __all__ = ["Finish", "pour_to_file"]
 
@@ -48,9 +50,11 @@ def pour_to_file(
     way, :class:`ArchiveError` for what cannot be read, written or gone on from,
     :class:`SetupError` where the set-up is not one to extend by, and what `begin` raises.
     """
-    if not (resume or extend):
-        refuse_existing([path], force=force)
     with locked(path) as folder:
+        if in_store(path):
+            make_ready(path, folder)
+        if not (resume or extend):
+            refuse_existing([path], force=force)
         work = Work(folder, every, stop)
         if extend:
             there = _experiment_at(path)
@@ -65,7 +69,10 @@ def pour_to_file(
         with writing(path):
             part = folder / path.name
             finish(part, pouring, work)
-            put_in_place(part, path)
+            if in_store(path):
+                fill_store(part, path)
+            else:
+                put_in_place(part, path)
         work.clear()
     return True
 

@@ -25,6 +25,7 @@ from experiment.digest import DIGEST
 from experiment.errors import ArchiveError, OutputExistsError, StoppedError
 from experiment.extension import STATE, Base
 from experiment.files import make_folder
+from experiment.places import beside
 from experiment.pouring import Pouring
 from experiment.provenance import difference, stamp
 from experiment.recorder import Recorder, record_steps
@@ -42,7 +43,8 @@ Records = dict[str, Floats]
 
 def work_folder(path: Path) -> Path:
     """Where the work on the archive at `path` goes on."""
-    return path.with_name(f"{path.name}.unfinished")
+    plain = beside(path)
+    return plain.with_name(f"{plain.name}.unfinished")
 
 
 @contextmanager
@@ -233,7 +235,11 @@ class Work:
         known |= {self._records_file(first).name for first in self._record_files}
         known |= {self._slab_file(number).name for number, *_ in self._slabs}
         for entry in self.folder.iterdir():
-            if entry.name not in known:
+            if entry.name in known:
+                continue
+            if entry.is_dir():
+                shutil.rmtree(entry)
+            else:
                 entry.unlink(missing_ok=True)
 
 

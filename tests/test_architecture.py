@@ -52,6 +52,7 @@ def test_nothing_is_compiled_or_drawn_at_import() -> None:
         "assert not ca_model.kernel.packets.follow_packets.signatures\n"
         "assert not ca_model.kernel.steps.take_steps.signatures\n"
         "assert 'matplotlib.pyplot' not in sys.modules\n"
+        "assert 'zarr' not in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", script], check=True, cwd="/")
 

@@ -18,6 +18,7 @@ from compare.prediction import base, models_with_chance, with_piles, with_predic
 from compare.table import as_records, table
 from experiment import Experiment
 from experiment.files import refuse_existing
+from experiment.places import beside
 from experiment.storage import write_whole
 
 __all__ = ["compare"]
@@ -57,13 +58,14 @@ def compare(
 ) -> None:
     """Measure kinks and layers in each FOLDER that `pour` wrote; put the models side by side.
 
-    Prints one table, and writes comparison.nc and comparison.png into each folder. Where inputs are
-    uncertain, it pours draws of them and predicts ranges.
+    Prints one table, and writes comparison.nc and comparison.png into each folder; beside a Zarr
+    store run.zarr they are run.comparison.nc and run.comparison.png. Where inputs are uncertain, it
+    pours draws of them and predicts ranges.
 
     Example: stratify compare pours/glass-sugar --vary mixture.psi=0.1:0.3 --draws 64
     """
-    outputs = [folder / name for folder in folders for name in ("comparison.nc", "comparison.png")]
-    refuse_existing(outputs, force=force)
+    files = [beside(folder / "comparison.nc") for folder in folders]
+    refuse_existing([*files, *(file.with_suffix(".png") for file in files)], force=force)
     archives = [archives_of(folder) for folder in folders]
     setups = [base(models, ranges(vary)) for models in archives]
     comparisons = [compare_archives(models) for models in archives]
@@ -71,11 +73,11 @@ def compare(
     console = open_console(stderr=as_json)
     for k, setup in enumerate(setups):
         comparisons[k] = _with_campaigns(comparisons[k], setup, draws, seeds, console)
-    for folder, models, comparison, picture in zip(
-        folders, archives, comparisons, pictures, strict=True
+    for file, models, comparison, picture in zip(
+        files, archives, comparisons, pictures, strict=True
     ):
-        save(picture, folder / "comparison.png", force=force)
-        write_whole(comparison, folder / "comparison.nc", in_detail(models), force=force)
+        save(picture, file.with_suffix(".png"), force=force)
+        write_whole(comparison, file, in_detail(models), force=force)
     if as_json:
         records = {str(f): as_records(c) for f, c in zip(folders, comparisons, strict=True)}
         click.echo(json.dumps(records, indent=2))

@@ -9,7 +9,8 @@ import continuum
 from compare.campaign import POUR
 from experiment import ArchiveError, Experiment, load
 from experiment.archive import read
-from experiment.storage import is_archive, told_by
+from experiment.places import archive_at, is_archive
+from experiment.storage import told_by
 
 __all__ = ["archives_of", "folder_of", "load_setup", "model_of"]
 
@@ -35,7 +36,7 @@ def folder_of(setup: str) -> Path:
 
 def archives_of(folder: Path) -> list[xr.Dataset]:
     """The archives of a folder, one for each model that poured there."""
-    paths = [folder / f"{name}.nc" for name in POUR]
+    paths = [archive_at(folder, name) for name in POUR]
     there = [path for path in paths if path.exists()]
     if not there:
         raise ArchiveError(f"{str(folder)!r} holds no archive; allowed: a folder that `pour` wrote")

@@ -13,6 +13,7 @@ from compare.cli.stopping import Stop
 from compare.cli.terminal import open_bars, progress_on, say
 from experiment import Experiment, NotApplicableError, StoppedError
 from experiment.files import refuse_existing
+from experiment.places import archive_at
 from experiment.streaming import EVERY, pour_to_file
 
 __all__ = ["pour"]
@@ -26,7 +27,12 @@ __all__ = ["pour"]
     help="Which model pours. Default: both, or the one that poured the archive SETUP.",
 )
 @click.option(
-    "-o", "--output", "folder", type=path_type, metavar="FOLDER", help="Default: pours/SETUP."
+    "-o",
+    "--output",
+    "folder",
+    type=path_type,
+    metavar="FOLDER",
+    help="Default: pours/SETUP. One that ends in .zarr is a Zarr store.",
 )
 @set_option
 @force_option
@@ -58,13 +64,17 @@ def pour(
     Writes FOLDER/ca_model.nc and FOLDER/continuum.nc. While it pours, the work is beside them in
     folders that end in .unfinished; a pour that was stopped or killed goes on with --resume.
 
+    With -o run.zarr the archives are the groups run.zarr/ca_model and run.zarr/continuum, the work
+    is beside run.zarr, and every command takes that for a folder. Needs zarr: pip install
+    'stratify[zarr]'.
+
     Example: stratify pour glass-sugar --set 'feed.inflow=[0.2,0.2]' -o pours/thicker
     """
     experiment = load_setup(setup, settings)
     folder = folder or folder_of(setup)
     model = model or model_of(setup) or "both"
     models = _applicable(experiment, list(BEGIN) if model == "both" else [model])
-    paths = {name: folder / f"{name}.nc" for name in models}
+    paths = {name: archive_at(folder, name) for name in models}
     if not (resume or extend):
         refuse_existing(paths.values(), force=force)
     with Stop() as stop:

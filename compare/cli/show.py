@@ -9,6 +9,7 @@ from compare.cli.terminal import say
 from compare.figure import draw, save
 from experiment.archive import read
 from experiment.files import refuse_existing
+from experiment.places import beside
 
 __all__ = ["show"]
 
@@ -20,11 +21,13 @@ __all__ = ["show"]
 )
 @force_option
 def show(file: Path, output: Path | None, force: bool) -> None:
-    """Draw the deposit and the kymograph of the archive FILE.
+    """Draw the deposit and the kymograph of the archive FILE, or of the group run.zarr/continuum.
+
+    The picture of a group is beside its store: run.continuum.png.
 
     Example: stratify show pours/glass-sugar/continuum.nc -o picture.png
     """
     archive = read(file)
-    picture = output or file.with_suffix(".png")
+    picture = output or beside(file.with_suffix(".png"))
     refuse_existing([picture], force=force)
     say(f"wrote {save(draw([archive]), picture, force=force)}")

@@ -6,7 +6,8 @@ from pathlib import Path
 
 from experiment.errors import SetupError
 from experiment.experiment import Experiment
-from experiment.storage import is_archive, told_by
+from experiment.places import is_archive
+from experiment.storage import told_by
 
 __all__ = ["load", "preset_names", "preset_text"]
 
