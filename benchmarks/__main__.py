@@ -3,7 +3,7 @@
 import sys
 from importlib import import_module
 
-SUBJECTS = ("pours", "lattice", "continuum", "solvers", "grains", "archives")
+SUBJECTS = ("pours", "lattice", "continuum", "solvers", "grains", "archives", "recording")
 ON_REQUEST = ("giant",)
 
 for subject in sys.argv[1:] or SUBJECTS:

@@ -38,7 +38,7 @@ def assemble_on_disk(path: Path, pouring: Pouring, work: Work) -> None:
             if pouring.whole_grains:
                 band = np.where(np.isnan(band), deposit._FillValue, band)
             deposit[low : low + len(band)] = band
-    store(bare_dataset(pouring.state()), path, "a", STATE)
+    store(bare_dataset(pouring.state()), path, "a", STATE, squeeze=False)
     seal(path)
 
 

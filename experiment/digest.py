@@ -112,10 +112,11 @@ def _blocks(values: xr.Variable) -> Iterator[NDArray[Any]]:
         yield values[start : start + rows].values
 
 
-def _numbers(block: NDArray[Any]) -> bytes:
+def _numbers(block: NDArray[Any]) -> NDArray[Any]:
     if block.dtype.kind == "f":
-        block = np.where(np.isnan(block), block.dtype.type(np.nan), block + block.dtype.type(0))
-    return block.astype(block.dtype.newbyteorder("<")).tobytes()
+        block = block + block.dtype.type(0)
+        block[np.isnan(block)] = np.nan
+    return np.ascontiguousarray(block, dtype=block.dtype.newbyteorder("<"))
 
 
 def _text(block: NDArray[Any]) -> bytes:

@@ -14,7 +14,7 @@ import numpy as np
 
 from experiment.variables import VARIABLES
 
-__all__ = ["PIECE", "encoding_of"]
+__all__ = ["PIECE", "encoding_of", "unsqueezed"]
 
 PIECE = 2**18  # bytes
 CHECKED = {"fletcher32": True, "_FillValue": None}
@@ -35,6 +35,10 @@ def encoding_of(name: str, shape: Sequence[int], *, whole_grains: bool) -> dict[
         kind = WHOLE_NUMBERS if whole_grains else NOISE
     else:
         kind = SMOOTH
+    return unsqueezed(shape) | kind
+
+
+def unsqueezed(shape: Sequence[int]) -> dict[str, Any]:
+    """How xarray is to store floats of that shape, none of it 0, fast: in pieces with checksums."""
     row = 8 * math.prod(shape[1:])
-    rows = min(shape[0], max(1, PIECE // row))
-    return CHECKED | kind | {"chunksizes": (rows, *shape[1:])}
+    return CHECKED | {"chunksizes": (min(shape[0], max(1, PIECE // row)), *shape[1:])}

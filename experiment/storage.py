@@ -15,7 +15,7 @@ import numpy as np
 import xarray as xr
 
 from experiment.digest import DIGEST, digest_of, put_checksum, refuse_damaged
-from experiment.encoding import PIECE, encoding_of
+from experiment.encoding import PIECE, encoding_of, unsqueezed
 from experiment.errors import ArchiveError, StratifyError
 from experiment.files import size_of, whole_file
 from experiment.places import in_store
@@ -49,30 +49,39 @@ def write_whole(
     groups: Mapping[str, xr.Dataset] | None = None,
     *,
     force: bool = False,
+    squeeze: bool = True,
 ) -> Path:
     """Write any Dataset as netCDF-4 under a temporary name, then rename: whole or absent.
 
-    `groups` are further Datasets, each put into the file's group of that name. Raises
+    `groups` are further Datasets, each put into the file's group of that name. What is not to stay
+    for long need not be squeezed. Raises
     :class:`OutputExistsError` where `path` exists and `force` is not given, and
     :class:`ArchiveError` where it cannot be written.
     """
     if in_store(path):
         raise ArchiveError(f"{str(path)!r}: Datasets go to netCDF-4 files only; see pour_to_file")
     with whole_file(path, force=force) as part:
-        store(dataset, part)
+        store(dataset, part, squeeze=squeeze)
         for name, group in (groups or {}).items():
-            store(group, part, "a", name)
+            store(group, part, "a", name, squeeze=squeeze)
         put_checksum(part)
     return path
 
 
 def store(
-    dataset: xr.Dataset, part: Path, mode: Literal["w", "a"] = "w", group: str | None = None
+    dataset: xr.Dataset,
+    part: Path,
+    mode: Literal["w", "a"] = "w",
+    group: str | None = None,
+    *,
+    squeeze: bool = True,
 ) -> None:
     """Put `dataset` with its digest into a file that is not finished, a new one or (a) another."""
     lattice = dataset.attrs.get("model") == "ca_model"
     encoding = {
         name: encoding_of(str(name), values.shape, whole_grains=lattice and _is_pure(values))
+        if squeeze
+        else unsqueezed(values.shape)
         for name, values in dataset.variables.items()
         if values.dtype.kind == "f" and values.size > 0 and values.ndim > 0
     }

@@ -36,7 +36,7 @@ from experiment.storage import holds, opened, read_whole, reading, write_whole
 __all__ = ["Work", "locked", "work_folder"]
 
 CHECKPOINT = "checkpoint.nc"
-ROOM = 2**24  # bytes of records in memory
+ROOM = 2**25  # bytes of records in memory
 
 Records = dict[str, Floats]
 
@@ -124,7 +124,7 @@ class Work:
             record_files=self._record_files,
             slabs=np.array(self._slabs, dtype=np.int64).ravel(),
         )
-        write_whole(dataset, self.folder / CHECKPOINT, force=True)
+        write_whole(dataset, self.folder / CHECKPOINT, force=True, squeeze=False)
         self._drop_strays()
         self._due = time.monotonic() + self._every
 
@@ -182,7 +182,7 @@ class Work:
             return
         first = self.records - self._recorder.kept
         block = bare_dataset(self._recorder.arrays)
-        write_whole(block, self._records_file(first), force=True)
+        write_whole(block, self._records_file(first), force=True, squeeze=False)
         self._record_files.append(first)
         self._recorder.forget()
 
@@ -200,7 +200,7 @@ class Work:
         """Put a slab on top."""
         number = self._next_slab
         whole = bare_dataset(slab._asdict())
-        write_whole(whole, self._slab_file(number), force=True)
+        write_whole(whole, self._slab_file(number), force=True, squeeze=False)
         self._slabs.append((number, int(slab.bottom.min()), int(slab.top.max())))
         self._next_slab += 1
 
