@@ -112,11 +112,11 @@ def _blocks(values: xr.Variable) -> Iterator[NDArray[Any]]:
         yield values[start : start + rows].values
 
 
-def _numbers(block: NDArray[Any]) -> NDArray[Any]:
+def _numbers(block: NDArray[Any]) -> memoryview:
     if block.dtype.kind == "f":
         block = block + block.dtype.type(0)
         block[np.isnan(block)] = np.nan
-    return np.ascontiguousarray(block, dtype=block.dtype.newbyteorder("<"))
+    return np.ascontiguousarray(block, dtype=block.dtype.newbyteorder("<")).data
 
 
 def _text(block: NDArray[Any]) -> bytes:

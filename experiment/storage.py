@@ -22,6 +22,7 @@ from experiment.places import in_store
 from experiment.zarr_store import need_zarr, open_group, proven_digest
 
 __all__ = [
+    "content_of",
     "few_pieces",
     "holds",
     "opened",
@@ -149,6 +150,12 @@ def told_by(path: Path, attribute: str) -> str:
         refuse_damaged(path)
         with netCDF4.Dataset(path) as file:
             return str(file.getncattr(attribute))
+
+
+def content_of(path: Path) -> str:
+    """The digest of what the file `path` holds; empty in one that is older than digests."""
+    with reading(path), _stored(path) as stored:
+        return str(stored.attrs.get(DIGEST, ""))
 
 
 def _stored(path: Path, group: str | None = None, **how: Any) -> xr.Dataset:

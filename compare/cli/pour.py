@@ -14,6 +14,7 @@ from compare.cli.terminal import open_bars, progress_on, say
 from experiment import Experiment, NotApplicableError, StoppedError
 from experiment.files import refuse_existing
 from experiment.places import archive_at
+from experiment.storage import content_of, told_by
 from experiment.streaming import EVERY, pour_to_file
 
 __all__ = ["pour"]
@@ -96,12 +97,21 @@ def pour(
                 click.echo(f"stratify: {name}: {stopped}; go on with: {_to_go_on()}", err=True)
                 sys.exit(128 + stop.signal)
             say(f"{name}: wrote {path}" if is_new else f"{name}: {path} is whole already")
+            if name == model_of(setup) and not settings:
+                say(f"{name}: {_verdict(Path(setup), path)}")
 
 
 def _to_go_on() -> str:
     """The command line once more, with --resume."""
     resumed = [] if "--resume" in sys.argv else ["--resume"]
     return shlex.join(["stratify", *sys.argv[1:], *resumed])
+
+
+def _verdict(archive: Path, again: Path) -> str:
+    """Whether an archive that was poured again came out the same."""
+    if content_of(archive) == content_of(again):
+        return f"it holds what {archive} holds, bit for bit"
+    return f"it differs from {archive}, which is by {told_by(archive, 'source')}"
 
 
 def _applicable(experiment: Experiment, models: list[str]) -> list[str]:
