@@ -29,7 +29,7 @@ class Body:
 
     def advance(self, slope: Slope, velocity: Floats, inflow: Floats) -> int:
         """Take a step per row of `inflow` (step, species) [cm]; the most sub-steps one needed."""
-        most = 0
+        most, made_room = 0, False
         while True:
             steps, substeps, why = slope.advance(velocity, inflow)
             inflow, most = inflow[steps:], max(most, substeps)
@@ -37,8 +37,11 @@ class Body:
                 return most
             if why == BARE:
                 self._take_back()
+                if made_room and not steps:  # a step may dig deeper than half of a tape
+                    slope.flow = with_more_bins(slope.flow)
             else:
                 self._make_room(slope)
+            made_room = why != BARE
 
     @property
     def volume(self) -> Floats:

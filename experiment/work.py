@@ -199,7 +199,16 @@ class Work:
         self._next_slab += 1
 
     def take_back(self) -> Slab:
-        """Take the topmost slab off again."""
+        """Take the topmost slab off again.
+
+        Raises :class:`ArchiveError` where it is of the archive that is being extended, which kept
+        the composition of what lies so deep, but not the grains.
+        """
+        if self.base is not None and not self._slabs:
+            raise ArchiveError(
+                f"{str(self.base.path)!r} cannot be extended so far: the flow would dig up what it "
+                "handed on; the longer set-up can be poured from its start"
+            )
         number, *_ = self._slabs.pop()
         stored = read_whole(self._slab_file(number))
         return Slab(*(stored[name].values for name in Slab._fields))

@@ -19,9 +19,10 @@ import pytest
 import xarray as xr
 from zygote import CASES, PHASES, pour
 
+from experiment import Experiment
 from experiment.archive import read
 from experiment.digest import DIGEST, digest_of
-from experiment.extension import STATE
+from experiment.extension import STATE, extended
 from experiment.storage import read_whole
 from experiment.work import work_folder
 
@@ -29,6 +30,8 @@ HERE = Path(__file__).parent
 KILLS = int(os.environ.get("STRATIFY_KILLS", "110"))
 LONGEST = 0.2  # s; about as long as it takes to put an archive together
 PATIENCE = 1.05  # so much longer each time, or it would never come to its end
+KINDS = ("new", "force")
+SELDOM = 0.03  # s
 EXTENDED = [name for name, case in CASES.items() if case.longer > 1]
 
 
@@ -122,5 +125,104 @@ def test_checkpoints_change_nothing(case: str, whole, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("case", EXTENDED)
-def test_an_extended_pour_is_one_that_was_longer_from_the_start(case, whole, tmp_path) -> None:
-    pass
+def test_an_extended_pour_is_one_that_was_longer_from_the_start(
+    case: str, whole, models, tmp_path: Path
+) -> None:
+    at_once = models[CASES[case].model].pour(extended_setup(case))
+    del at_once.attrs["history"]
+    xr.testing.assert_identical(content(whole(case, CASES[case].longer)), at_once)
+    shutil.copy(whole(case), tmp_path / "pour.nc")
+    pour(case, str(tmp_path / "pour.nc"), extend=True)
+    assert_same(tmp_path / "pour.nc", whole(case, CASES[case].longer))
+
+
+def extended_setup(case: str) -> Experiment:
+    """The longer pour, recorded as often as the shorter one."""
+    return extended(CASES[case].experiment(CASES[case].longer), CASES[case].experiment())
+
+
+def test_pours_are_killed_in_all_they_do_and_end_as_if_nobody_had(
+    killer: Killer, whole, tmp_path: Path
+) -> None:
+    """At any moment the file under the final name is absent or whole, the old one or the new one."""
+    dice, cases = random.Random(1), list(CASES)
+    while killer.kills.total() < KILLS:
+        case = cases.pop(0)
+        cases.append(case)
+        path = tmp_path / f"{case}.nc"
+        kind = dice.choice(["new", "force", "extend"]) if case in EXTENDED else dice.choice(KINDS)
+        old, new = None, whole(case)
+        if kind == "force":
+            old = whole(dice.choice([other for other in CASES if other != case]))
+        elif kind == "extend":
+            old, new = new, whole(case, CASES[case].longer)
+        if old is not None:
+            shutil.copy(old, path)
+        options = {kind: True} if old is not None else {}
+        kill_until_done(killer, dice, case, path, old, new, options)
+        assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+        path.unlink()
+    print(*(f"{n} killed {phase}" for phase, n in killer.kills.items()), sep=", ")
+    assert set(killer.kills) == set(PHASES)
+
+
+def kill_until_done(killer, dice, case, path, old, new, options) -> None:
+    """Pour a case, be killed, resume and so on; look at the archive each time."""
+    longest, before = LONGEST, None if old is None else old.read_bytes()
+    while not killer.pour(case, path, dice.uniform(0.0, longest), resume=True, **options):
+        longest *= PATIENCE
+        if not path.exists():
+            assert old is None
+        elif path.read_bytes() != before:
+            assert_same_content(path, new)
+    assert_same(path, new)
+
+
+def assert_same_content(path: Path, whole: Path) -> None:
+    with xr.open_dataset(path) as there, xr.open_dataset(whole) as expected:
+        assert digest_of(there) == there.attrs[DIGEST] == expected.attrs[DIGEST]
+
+
+@pytest.mark.parametrize(("case", "kind"), [("toppling, extended", "extend"), ("dug up again", "force")])
+def test_whatever_a_kill_leaves_behind_is_gone_on_from(
+    case: str, kind: str, whole, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every state that the files go through, one change after the other."""
+    path, new = tmp_path / "0" / "pour.nc", whole(case, CASES[case].longer)
+    old = whole(case) if kind == "extend" else whole("poisson")
+    path.parent.mkdir()
+    shutil.copy(old, path)
+    left: list[Path] = []
+    with monkeypatch.context() as patched:
+        for name in ("replace", "unlink", "rmdir"):
+            patched.setattr(os, name, copying(getattr(os, name), path.parent, left))
+        pour(case, str(path), every=SELDOM, **{kind: True})
+    assert_same(path, new)
+    assert len(left) > 20
+    for folder in left:
+        path = folder / "pour.nc"
+        if path.read_bytes() != old.read_bytes():
+            assert_same_content(path, new)
+        pour(case, str(path), every=1e9, resume=True, **{kind: True})
+        assert_same(path, new)
+        assert list(folder.iterdir()) == [path]
+
+
+def copying(change: Callable[..., Any], folder: Path, left: list[Path]) -> Callable[..., Any]:
+    """The same change to a file, with copies of `folder` before and after it."""
+    copied: set[tuple[tuple[str, int], ...]] = set()
+
+    def copy() -> None:
+        files = [path for path in folder.rglob("*") if path.is_file()]
+        there = tuple(sorted((str(path), path.stat().st_ino) for path in files))
+        if there not in copied:
+            copied.add(there)
+            left.append(folder.parent / f"{change.__name__}-{len(left)}")
+            shutil.copytree(folder, left[-1])
+
+    def changing(*args: Any, **options: Any) -> None:
+        copy()
+        change(*args, **options)
+        copy()
+
+    return changing

@@ -21,13 +21,23 @@ import ca_model
 import continuum
 from experiment import Experiment, StratifyError, load, streaming
 from experiment.assembly import assemble_on_disk
-from experiment.pouring import Begin
+from experiment.pouring import Begin, Pouring
+from experiment.slabs import Slabs
 from experiment.work import Work
 
 PHASES = ("starting", "pouring", "writing a checkpoint", "putting together", "clearing up")
 LATTICE = ["cell.length=40.0", "pour.duration=300.0", "pour.records=6"]
 SILO = ["cell.length=10.0", "pour.duration=350.0", "pour.records=7", "continuum.cells=20"]
 HEAP = ["cell.shape='heap'", "cell.end='open'"]
+DIGGING = [  # smooth grains carry away the heap that rough ones made
+    "mixture={names=['smooth','rough'], repose_slope=[[0.1,0.1],[3.0,3.0]], "
+    "grain_diameter=[0.06,0.13], drift_velocity=1.0, collision_rate=[[1.0,1.0],[1.0,1.0]], "
+    "surface_depth=0.1, curvature_length=0.1}",
+    "cell.start_slope=0.0",
+    "feed.inflow=[0.9,0.0]",
+    "feed.schedule={kind='pulses', period=500.0, share=0.5, inflow=[0.0,0.9]}",
+    "pour.duration=450.0",
+]
 
 
 class Case(NamedTuple):
@@ -47,7 +57,14 @@ class Case(NamedTuple):
 
     @property
     def begin(self) -> Begin:
-        return partial(ca_model.begin, log=500) if self.model == "ca_model" else continuum.begin
+        return partial(ca_model.begin, log=500) if self.model == "ca_model" else _short_of_bins
+
+
+def _short_of_bins(experiment: Experiment, slabs: Slabs) -> Pouring:
+    """A flow with tapes so short that what they hand on is dug up again."""
+    pouring = continuum.begin(experiment, slabs)
+    pouring.body._most_bins = 64
+    return pouring
 
 
 CASES = {
@@ -75,6 +92,7 @@ CASES = {
     "pulses, extended": Case(
         "continuum", "pulsed-feed", [*SILO, "feed.schedule.period=90.0", "pour.records=4"], longer=2
     ),
+    "dug up again": Case("continuum", "makse-stratification", [*SILO, *DIGGING]),
     "flow over a heap": Case("continuum", "heap", [*SILO, "pour.duration=40.0"]),
     "drum": Case("continuum", "drum-mixture", [*SILO, "pour.duration=30.0"]),
     "three species flow": Case("continuum", "ternary", [*SILO, "pour.duration=40.0"]),
