@@ -50,9 +50,7 @@ class Case(NamedTuple):
 
     def experiment(self, times: int = 1) -> Experiment:
         experiment = load(self.preset, self.settings)
-        longer = experiment.pour.model_copy(
-            update={"duration": experiment.pour.duration * times}
-        )
+        longer = experiment.pour.model_copy(update={"duration": experiment.pour.duration * times})
         return experiment.model_copy(update={"pour": longer})
 
     @property
@@ -78,14 +76,24 @@ CASES = {
         "ca_model", "lattice-stratification", [*LATTICE, "feed.inflow=[0.137,0.211]"], longer=2
     ),
     "moving source": Case(
-        "ca_model", "stockpile", ["cell.length=5.0", "pour.duration=33.0", "pour.records=6",
-                                  "feed.source.x=[-4.0,4.0,-4.0]"]
+        "ca_model",
+        "stockpile",
+        [
+            "cell.length=5.0",
+            "pour.duration=33.0",
+            "pour.records=6",
+            "feed.source.x=[-4.0,4.0,-4.0]",
+        ],
     ),
-    "toppling": Case("ca_model", "franks", ["cell.length=9.0", "pour.duration=45.0", "pour.records=6"]),
+    "toppling": Case(
+        "ca_model", "franks", ["cell.length=9.0", "pour.duration=45.0", "pour.records=6"]
+    ),
     "toppling, extended": Case(
         "ca_model", "franks", ["cell.length=9.0", "pour.duration=40.0", "pour.records=4"], longer=2
     ),
-    "three species": Case("ca_model", "ternary", ["cell.length=5.0", "pour.duration=9.0", "pour.records=6"]),
+    "three species": Case(
+        "ca_model", "ternary", ["cell.length=5.0", "pour.duration=9.0", "pour.records=6"]
+    ),
     "godunov": Case("continuum", "makse-stratification", SILO),
     "muscl": Case("continuum", "makse-stratification", [*SILO, "continuum.scheme='muscl'"]),
     "pulses": Case("continuum", "pulsed-feed", [*SILO, "feed.schedule.period=60.0"]),
@@ -95,7 +103,9 @@ CASES = {
     "dug up again": Case("continuum", "makse-stratification", [*SILO, *DIGGING]),
     "flow over a heap": Case("continuum", "heap", [*SILO, "pour.duration=40.0"]),
     "drum": Case("continuum", "drum-mixture", [*SILO, "pour.duration=30.0"]),
-    "three species flow": Case("continuum", "ternary", [*SILO, "pour.duration=40.0"]),
+    "three species flow": Case(
+        "continuum", "ternary", [*SILO, "pour.duration=6.0", "continuum.bins_per_depth=1"]
+    ),
 }
 
 
@@ -118,7 +128,9 @@ def main() -> None:
         for name in CASES:
             pour(name, f"{folder}/{name}.nc")
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGCHLD})
-    print(json.dumps(threading.active_count() == len(os.listdir("/proc/self/task")) == 1), flush=True)
+    print(
+        json.dumps(threading.active_count() == len(os.listdir("/proc/self/task")) == 1), flush=True
+    )
     for line in sys.stdin:
         asked = json.loads(line) | {"finish": _telling(phase, 3, assemble_on_disk)}
         print(json.dumps(_killed_after(phase, **asked)), flush=True)
@@ -133,6 +145,7 @@ def _killed_after(phase: mmap.mmap, delay: float, **asked: Any) -> dict[str, Any
     signal.sigtimedwait({signal.SIGCHLD}, delay)
     os.kill(child, signal.SIGKILL)  # a zombie, if it was at its end; the number is not yet free
     _, status = os.waitpid(child, 0)
+    signal.sigtimedwait({signal.SIGCHLD}, 0)  # heard
     return {
         "status": os.waitstatus_to_exitcode(status),
         "phase": PHASES[phase[0]],
