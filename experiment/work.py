@@ -21,7 +21,7 @@ import numpy as np
 from filelock import FileLock, Timeout
 
 from experiment.arrays import Floats
-from experiment.digest import DIGEST
+from experiment.digest import DIGEST, refuse_damaged
 from experiment.errors import ArchiveError, OutputExistsError, StoppedError
 from experiment.extension import STATE, Base
 from experiment.files import make_folder
@@ -35,6 +35,7 @@ from experiment.storage import opened, read_whole, reading, write_whole
 __all__ = ["Work", "locked", "work_folder"]
 
 CHECKPOINT = "checkpoint.nc"
+LOCK = "lock"
 ROOM = 2**25  # bytes of records in memory
 
 Records = dict[str, Floats]
@@ -54,7 +55,7 @@ def locked(path: Path) -> Iterator[Path]:
     """
     folder = work_folder(path)
     make_folder(folder)
-    lock = FileLock(folder / "lock", timeout=0)
+    lock = FileLock(folder / LOCK, timeout=0)
     try:
         lock.acquire()
     except Timeout:
@@ -65,7 +66,7 @@ def locked(path: Path) -> Iterator[Path]:
     try:
         yield folder
     finally:
-        if folder.exists() and not any(entry.name != "lock" for entry in folder.iterdir()):
+        if folder.exists() and not any(entry.name != LOCK for entry in folder.iterdir()):
             shutil.rmtree(folder, ignore_errors=True)
         lock.release()
 
@@ -100,6 +101,7 @@ class Work:
     def pause(self, pouring: Pouring) -> None:
         """Put a checkpoint down if it is time. Raises :class:`StoppedError` if told to stop."""
         stop = self._stop()
+        self.refuse_if_gone()
         full = self._recorder is not None and self._recorder.is_full
         if stop or full or time.monotonic() >= self._due:
             self.checkpoint(pouring)
@@ -123,6 +125,11 @@ class Work:
         write_whole(dataset, self.folder / CHECKPOINT, force=True)
         self._drop_strays()
         self._due = time.monotonic() + self._every
+
+    def refuse_if_gone(self) -> None:
+        """Raise :class:`ArchiveError` where the folder is no longer there."""
+        if not (self.folder / LOCK).exists():
+            raise ArchiveError(f"folder {str(self.folder)!r} is gone, and the work with it")
 
     @property
     def is_begun(self) -> bool:
@@ -153,6 +160,9 @@ class Work:
         slabs = np.atleast_1d(told["slabs"]).astype(int).reshape(-1, 3)
         self._slabs = [(int(number), int(low), int(high)) for number, low, high in slabs]
         self._next_slab = 1 + max((number for number, *_ in self._slabs), default=-1)
+        for path in self._files():
+            with reading(path):
+                refuse_damaged(path)
         self._drop_strays()
         _restore(pouring, state, self.folder)
 
@@ -227,13 +237,16 @@ class Work:
     def _slab_file(self, number: int) -> Path:
         return self.folder / f"slab-{number}.nc"
 
+    def _files(self) -> list[Path]:
+        """The records and slabs that there are."""
+        records = [self._records_file(first) for first in self._record_files]
+        return records + [self._slab_file(number) for number, *_ in self._slabs]
+
     def _drop_strays(self) -> None:
         """Remove what belongs to no checkpoint."""
-        known = {CHECKPOINT, "lock"}
-        known |= {self._records_file(first).name for first in self._record_files}
-        known |= {self._slab_file(number).name for number, *_ in self._slabs}
+        known = {self.folder / CHECKPOINT, self.folder / LOCK, *self._files()}
         for entry in self.folder.iterdir():
-            if entry.name not in known:
+            if entry not in known:
                 entry.unlink(missing_ok=True)
 
 

@@ -95,6 +95,7 @@ CASES = {
         "ca_model", "ternary", ["cell.length=5.0", "pour.duration=9.0", "pour.records=6"]
     ),
     "godunov": Case("continuum", "makse-stratification", SILO),
+    "more cells": Case("continuum", "makse-stratification", [*SILO, "continuum.cells=40"]),
     "muscl": Case("continuum", "makse-stratification", [*SILO, "continuum.scheme='muscl'"]),
     "pulses": Case("continuum", "pulsed-feed", [*SILO, "feed.schedule.period=60.0"]),
     "pulses, extended": Case(
@@ -109,9 +110,16 @@ CASES = {
 }
 
 
+ODD = {  # that come to no end
+    "dug up later": Case(
+        "continuum", "makse-stratification", [*SILO, *DIGGING, "pour.duration=250.0"], longer=2
+    ),
+}
+
+
 def pour(case: str, path: str, *, extend: bool = False, **options: Any) -> bool:
     """Pour a case into the archive `path`, with a checkpoint after each block of steps."""
-    asked = CASES[case]
+    asked = (CASES | ODD)[case]
     experiment = asked.experiment(asked.longer if extend else 1)
     return streaming.pour_to_file(
         asked.begin, experiment, Path(path), extend=extend, **{"every": 0.0} | options
@@ -128,12 +136,15 @@ def main() -> None:
         for name in CASES:
             pour(name, f"{folder}/{name}.nc")
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGCHLD})
-    print(
-        json.dumps(threading.active_count() == len(os.listdir("/proc/self/task")) == 1), flush=True
-    )
+    _tell(threading.active_count() == len(os.listdir("/proc/self/task")) == 1)
     for line in sys.stdin:
         asked = json.loads(line) | {"finish": _telling(phase, 3, assemble_on_disk)}
-        print(json.dumps(_killed_after(phase, **asked)), flush=True)
+        _tell(_killed_after(phase, **asked))
+
+
+def _tell(told: object) -> None:
+    sys.stdout.write(json.dumps(told) + "\n")
+    sys.stdout.flush()
 
 
 def _killed_after(phase: mmap.mmap, delay: float, **asked: Any) -> dict[str, Any]:
@@ -160,7 +171,7 @@ def _be_poured(asked: dict[str, Any]) -> None:
         pour(**asked)
         status = 0
     except StratifyError as error:
-        print(error, file=sys.stderr, flush=True)
+        sys.stderr.write(f"{error}\n")
         status = 2
     finally:
         os._exit(status)
