@@ -116,7 +116,7 @@ def test_a_stopped_pour_says_how_to_go_on_and_that_works(
     )
     assert told, err
     assert not (tmp_path / ARCHIVE).exists()
-    status, out, err = stratify(*shlex.split(told[1]), folder=tmp_path)
+    status, _, err = stratify(*shlex.split(told[1]), folder=tmp_path)
     assert (status, err) == (0, "")
     assert files(tmp_path).keys() == {str(ARCHIVE)}
     assert content_of(tmp_path / ARCHIVE) == content_of(whole)
