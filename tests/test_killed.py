@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import xarray as xr
 from zygote import CASES, PHASES, pour
@@ -24,8 +25,9 @@ from experiment.archive import read
 from experiment.digest import DIGEST, digest_of
 from experiment.extension import STATE, extended
 from experiment.pouring import pour_in_memory
+from experiment.slabs import Slab
 from experiment.storage import read_whole
-from experiment.work import work_folder
+from experiment.work import Work, work_folder
 
 HERE = Path(__file__).parent
 KILLS = int(os.environ.get("STRATIFY_KILLS", "100"))
@@ -235,3 +237,21 @@ def copying(change: Callable[..., Any], folder: Path, left: list[Path]) -> Calla
         copy()
 
     return changing
+
+
+def test_a_slab_that_was_dug_up_stays_where_a_checkpoint_may_name_it(tmp_path: Path) -> None:
+    """And none that is laid later takes its place."""
+    work = Work(tmp_path, 1e9, lambda: False)
+    slabs = [
+        Slab(np.array([k]), np.array([k + 1]), np.array([0, 1]), np.array([[1.0 + k]]))
+        for k in range(4)
+    ]
+    work.lay(slabs[0])
+    work.lay(slabs[1])
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    assert work.take_back().pieces == slabs[1].pieces
+    work.lay(slabs[2])
+    work.lay(slabs[3])
+    assert {path: path.read_bytes() for path in before} == before
+    left = [slab.pieces.item() for slab in work.reaching(0, 9)]
+    assert left == [1.0, 3.0, 4.0]
