@@ -13,6 +13,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+import netCDF4
 import pytest
 import xarray as xr
 from zygote import CASES, pour
@@ -21,7 +22,7 @@ from compare.cli.stopping import Stop
 from experiment import ArchiveError, OutputExistsError, SetupError, StoppedError
 from experiment.archive import read
 from experiment.digest import DIGEST
-from experiment.storage import read_whole, write_whole
+from experiment.storage import read_whole, seal, write_whole
 from experiment.work import CHECKPOINT, work_folder
 
 STRATIFY = Path(sys.executable).parent / "stratify"
@@ -262,6 +263,19 @@ def test_an_extension_that_goes_on_is_one_of_the_same_set_up(tmp_path: Path) -> 
     assert not pour("godunov", str(path), resume=True, extend=True), "it is as long already"
     with pytest.raises(SetupError, match=r"same set-up can be extended: continuum\.scheme"):
         pour("muscl", str(path), resume=True, extend=True)
+
+
+def test_an_extension_goes_on_from_no_other_archive(tmp_path: Path) -> None:
+    path = tmp_path / "pour.nc"
+    pour("pulses, extended", str(path))
+    stopped("pulses, extended", path, extend=True)
+    with netCDF4.Dataset(path, "a") as file:
+        file.comment = "of the same set-up, but another"
+    seal(path)
+    before = files(tmp_path)
+    with pytest.raises(ArchiveError, match="is not the archive that was being extended"):
+        pour("pulses, extended", str(path), resume=True, extend=True)
+    assert files(tmp_path) == before
 
 
 def test_an_extension_that_digs_deeper_than_the_archive_kept_is_refused(tmp_path: Path) -> None:
