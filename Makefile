@@ -5,7 +5,7 @@ BIN := .venv/bin
 PRESETS := makse-stratification makse-segregation glass-sugar lattice-stratification
 KERNELS := $(wildcard ca_model/*.py ca_model/*/*.py continuum/*.py)
 
-.PHONY: run test lint bench giant picture lock clean
+.PHONY: run test lint bench giant killed picture lock clean
 
 run: .venv/.run .venv/.kernels
 	@$(MAKE) --no-print-directory -j2 --output-sync $(PRESETS:%=pour/%)
@@ -16,6 +16,10 @@ pour/%:
 
 test: .venv/.test .venv/.kernels lint
 	@$(BIN)/pytest
+
+# A thousand processes that pour are killed, each in its turn; some minutes.
+killed: .venv/.test .venv/.kernels
+	@STRATIFY_KILLS=1000 $(BIN)/pytest -s tests/test_killed.py
 
 lint: .venv/.test
 	@$(BIN)/ruff check .

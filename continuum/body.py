@@ -24,7 +24,7 @@ class Body:
     def __init__(self, slopes: list[Slope], slabs: Slabs, most_bins: int) -> None:
         self.slopes = slopes
         self._slabs = slabs
-        self._most_bins = most_bins
+        self._most_bins = np.array([most_bins])
 
     def advance(self, slope: Slope, velocity: Floats, inflow: Floats) -> int:
         """Take a step per row of `inflow` (step, species) [cm]; the most sub-steps one needed."""
@@ -58,7 +58,7 @@ class Body:
 
     def _make_room(self, slope: Slope) -> None:
         bins, turns = slope.flow.tape.shape[2], slope.grid.turning_rate > 0.0
-        if bins < self._most_bins or turns or (slope.flow.sealed <= bins // 2).all():
+        if bins < self._most_bins[0] or turns or (slope.flow.sealed <= bins // 2).all():
             slope.flow = with_more_bins(slope.flow)
         else:
             self._hand_on()
@@ -81,7 +81,8 @@ class Body:
         For else it might be handed on and taken back by turns.
         """
         slab, column = self._slabs.take_back(), 0
-        self._most_bins = max(self._most_bins, *(2 * s.flow.tape.shape[2] for s in self.slopes))
+        longest = max(slope.flow.tape.shape[2] for slope in self.slopes)
+        self._most_bins[0] = max(self._most_bins[0], 2 * longest)
         for slope in self.slopes:
             counts = np.diff(slab.ends)[column : column + len(slope.x)][:: slope.direction]
             while (slope.flow.sealed + counts).max() >= slope.flow.tape.shape[2]:
@@ -96,7 +97,7 @@ class Body:
 
     def state(self) -> State:
         """All that changes; of the tapes, what is sealed."""
-        state: State = {}
+        state: State = {"most_bins": self._most_bins}
         for k, slope in enumerate(self.slopes):
             flow = arrays_of(slope.flow, f"slope_{k}_")
             flow[f"slope_{k}_tape"] = sealed_bins(slope.flow)
@@ -105,6 +106,7 @@ class Body:
 
     def restore(self, state: State) -> None:
         """Go on from a state."""
+        put_back({"most_bins": self._most_bins}, state)
         for k, slope in enumerate(self.slopes):
             tape = f"slope_{k}_tape"
             arrays = arrays_of(slope.flow, f"slope_{k}_")

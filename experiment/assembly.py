@@ -31,6 +31,7 @@ LABELS = [coordinate for coordinate in COORDINATES.values() if coordinate.dtype 
 
 def assemble_on_disk(path: Path, pouring: Pouring, work: Work) -> None:
     """Write the archive of a pour that is at its end, with the state that it ended in."""
+    pouring.bury()
     skeleton(path, pouring, work)
     with few_pieces(), netCDF4.Dataset(path, "a") as file:
         deposit = _create(file, VARIABLES[DEPOSIT], pouring)

@@ -15,7 +15,7 @@ from experiment.state import State
 from experiment.storage import opened
 from experiment.variables import VARIABLES
 
-__all__ = ["STATE", "Base", "extended"]
+__all__ = ["STATE", "Base", "extended", "refuse_another_setup"]
 
 STATE = "state"  # the group of an archive that a longer pour goes on from
 ROWS = 2**24  # bytes of records that are read at once
@@ -30,11 +30,7 @@ def extended(asked: Experiment, there: Experiment) -> Experiment:
     Raises :class:`SetupError` where it is another set-up, or not longer by whole intervals between
     records.
     """
-    as_long = asked.pour.model_copy(
-        update={"duration": there.pour.duration, "records": there.pour.records}
-    )
-    if other := difference_of_setups(there, asked.model_copy(update={"pour": as_long})):
-        raise SetupError(f"only a pour of the same set-up can be extended: {other}")
+    refuse_another_setup(asked, there)
     interval = there.pour.duration / there.pour.records
     records = asked.pour.duration / interval
     longer = asked.pour.duration > there.pour.duration
@@ -45,6 +41,15 @@ def extended(asked: Experiment, there: Experiment) -> Experiment:
         )
     pour = asked.pour.model_copy(update={"records": round(records)})
     return asked.model_copy(update={"pour": pour})
+
+
+def refuse_another_setup(asked: Experiment, there: Experiment) -> None:
+    """Raise :class:`SetupError` where they differ in more than how long they are poured."""
+    as_long = asked.pour.model_copy(
+        update={"duration": there.pour.duration, "records": there.pour.records}
+    )
+    if other := difference_of_setups(there, asked.model_copy(update={"pour": as_long})):
+        raise SetupError(f"only a pour of the same set-up can be extended: {other}")
 
 
 @dataclass(frozen=True)

@@ -26,12 +26,10 @@ def difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
 
     Of several differences the first.
     """
-    if there["experiment"] != here["experiment"]:
-        setups = (Experiment.from_toml(str(told["experiment"])) for told in (there, here))
-        return difference_of_setups(*setups)
     if there["source"] != here["source"]:
         return f"there {there['source']}, here {here['source']}"
-    return ""
+    setups = (Experiment.from_toml(str(told["experiment"])) for told in (there, here))
+    return difference_of_setups(*setups)
 
 
 def difference_of_setups(there: Experiment, here: Experiment) -> str:

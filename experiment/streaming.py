@@ -9,9 +9,9 @@ from pathlib import Path
 
 from experiment.archive import experiment_of
 from experiment.assembly import assemble_on_disk
-from experiment.errors import OutputExistsError
+from experiment.errors import ArchiveError, OutputExistsError
 from experiment.experiment import Experiment
-from experiment.extension import extended
+from experiment.extension import extended, refuse_another_setup
 from experiment.files import put_in_place, refuse_existing, writing
 from experiment.places import in_store
 from experiment.pouring import Begin, Pouring, Progress, run_to_the_end
@@ -53,12 +53,14 @@ def pour_to_file(
     with locked(path) as folder:
         if in_store(path):
             make_ready(path, folder)
-        if not (resume or extend):
-            refuse_existing([path], force=force)
+        refuse_existing([path], force=force or resume or extend)
         work = Work(folder, every, stop)
         if extend:
             there = _experiment_at(path)
             if resume and experiment.pour.duration == there.pour.duration:
+                refuse_another_setup(experiment, there)
+                if work.is_begun and not work.pours(there):
+                    raise OutputExistsError(f"{str(folder)!r} holds a longer pour, unfinished")
                 work.clear()
                 return False
             experiment = extended(experiment, there)
@@ -66,6 +68,7 @@ def pour_to_file(
         if not _take_up(pouring, work, path, resume=resume, extend=extend, force=force):
             return False
         run_to_the_end(pouring, work, progress)
+        work.refuse_if_gone()
         with writing(path):
             part = folder / path.name
             finish(part, pouring, work)
@@ -87,8 +90,7 @@ def _take_up(
             "--force begins anew"
         )
     if resume and not extend and path.exists():
-        with opened(path) as archive:
-            other = difference(archive.attrs, stamp(pouring.model, pouring.experiment))
+        other = _difference(pouring, path, force=force)
         if other and not force:
             raise OutputExistsError(
                 f"{str(path)!r} is of another pour: {other}; --force replaces it"
@@ -103,6 +105,17 @@ def _take_up(
     if extend:
         work.extend(pouring, path)
     return True
+
+
+def _difference(pouring: Pouring, path: Path, *, force: bool) -> str:
+    """How what is at `path` differs from the archive of `pouring`; with `force` it may be none."""
+    try:
+        with opened(path) as archive:
+            return difference(archive.attrs, stamp(pouring.model, pouring.experiment))
+    except ArchiveError as error:
+        if not force:
+            raise
+        return str(error)
 
 
 def _experiment_at(path: Path) -> Experiment:

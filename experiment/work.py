@@ -21,8 +21,9 @@ import numpy as np
 from filelock import FileLock, Timeout
 
 from experiment.arrays import Floats
-from experiment.digest import DIGEST
+from experiment.digest import DIGEST, refuse_damaged
 from experiment.errors import ArchiveError, OutputExistsError, StoppedError
+from experiment.experiment import Experiment
 from experiment.extension import STATE, Base
 from experiment.files import make_folder
 from experiment.places import beside
@@ -31,12 +32,13 @@ from experiment.provenance import difference, stamp
 from experiment.recorder import Recorder, record_steps
 from experiment.slabs import Slab
 from experiment.state import State, arrays_in, bare_dataset
-from experiment.storage import holds, opened, read_whole, reading, write_whole
+from experiment.storage import holds, opened, read_whole, reading, told_by, write_whole
 
 __all__ = ["Work", "locked", "work_folder"]
 
 CHECKPOINT = "checkpoint.nc"
-ROOM = 2**25  # bytes of records in memory
+LOCK = "lock"
+ROOM = 2**24  # bytes of records in memory
 
 Records = dict[str, Floats]
 
@@ -57,7 +59,7 @@ def locked(path: Path) -> Iterator[Path]:
     folder = work_folder(path)
     for made in (path.parent, folder):
         make_folder(made)
-    lock = FileLock(folder / "lock", timeout=0)
+    lock = FileLock(folder / LOCK, timeout=0)
     try:
         lock.acquire()
     except Timeout:
@@ -68,7 +70,7 @@ def locked(path: Path) -> Iterator[Path]:
     try:
         yield folder
     finally:
-        if folder.exists() and not any(entry.name != "lock" for entry in folder.iterdir()):
+        if folder.exists() and not any(entry.name != LOCK for entry in folder.iterdir()):
             shutil.rmtree(folder, ignore_errors=True)
         lock.release()
 
@@ -103,6 +105,7 @@ class Work:
     def pause(self, pouring: Pouring) -> None:
         """Put a checkpoint down if it is time. Raises :class:`StoppedError` if told to stop."""
         stop = self._stop()
+        self.refuse_if_gone()
         if self._recorder is not None and self._recorder.is_full:
             self._write_records()
         if stop or time.monotonic() >= self._due:
@@ -127,6 +130,15 @@ class Work:
         write_whole(dataset, self.folder / CHECKPOINT, force=True, squeeze=False)
         self._drop_strays()
         self._due = time.monotonic() + self._every
+
+    def refuse_if_gone(self) -> None:
+        """Raise :class:`ArchiveError` where the folder is no longer there."""
+        if not (self.folder / LOCK).exists():
+            raise ArchiveError(f"folder {str(self.folder)!r} is gone, and the work with it")
+
+    def pours(self, experiment: Experiment) -> bool:
+        """Whether the checkpoint is of that pour."""
+        return told_by(self.folder / CHECKPOINT, "experiment") == experiment.to_toml()
 
     @property
     def is_begun(self) -> bool:
@@ -157,6 +169,9 @@ class Work:
         slabs = np.atleast_1d(told["slabs"]).astype(int).reshape(-1, 3)
         self._slabs = [(int(number), int(low), int(high)) for number, low, high in slabs]
         self._next_slab = 1 + max((number for number, *_ in self._slabs), default=-1)
+        for file in self._files():
+            with reading(file):
+                refuse_damaged(file)
         self._drop_strays()
         _restore(pouring, state, self.folder)
 
@@ -166,14 +181,16 @@ class Work:
         Raises :class:`ArchiveError` where that did not keep the state in which it ended.
         """
         with opened(path) as archive:
-            digest, self.records = archive.attrs[DIGEST], archive.sizes["time"]
-            source = archive.attrs["source"]
+            digest, source = archive.attrs[DIGEST], archive.attrs["source"]
+            time = archive["time"].values
         if source != stamp(pouring.model, pouring.experiment)["source"]:
             raise ArchiveError(f"{str(path)!r} cannot be extended: it is by {source}")
-        schedule = record_steps(pouring.experiment.pour, pouring.dt)
-        self.steps = schedule[self.records - 1]
         if not holds(path, STATE):
             raise ArchiveError(f"{str(path)!r} cannot be extended: it holds no state of its end")
+        recorded = record_steps(pouring.experiment.pour, pouring.dt)[: len(time)]
+        if not np.array_equal(np.array(recorded) * pouring.dt, time):
+            raise ArchiveError(f"{str(path)!r} cannot be extended: it has records in between")
+        self.steps, self.records = recorded[-1], len(recorded)
         _restore(pouring, arrays_in(read_whole(path, STATE)), path)
         self.base = Base(path, digest, pouring.floor())
 
@@ -205,11 +222,15 @@ class Work:
         self._next_slab += 1
 
     def take_back(self) -> Slab:
-        """Take the topmost slab off again. Raises :class:`ArchiveError` if it is an archive's."""
-        if not self._slabs:
+        """Take the topmost slab off again.
+
+        Raises :class:`ArchiveError` where it is of the archive that is being extended, which kept
+        the composition of what lies so deep, but not the grains.
+        """
+        if self.base is not None and not self._slabs:
             raise ArchiveError(
-                "erosion comes to what the archive that is being extended has in fractions only; "
-                "the longer pour has to begin anew"
+                f"{str(self.base.path)!r} cannot be extended so far: the flow would dig up what it "
+                "handed on; the longer set-up can be poured from its start"
             )
         number, *_ = self._slabs.pop()
         stored = read_whole(self._slab_file(number))
@@ -229,13 +250,16 @@ class Work:
     def _slab_file(self, number: int) -> Path:
         return self.folder / f"slab-{number}.nc"
 
+    def _files(self) -> list[Path]:
+        """The records and slabs that there are."""
+        records = [self._records_file(first) for first in self._record_files]
+        return records + [self._slab_file(number) for number, *_ in self._slabs]
+
     def _drop_strays(self) -> None:
         """Remove what belongs to no checkpoint."""
-        known = {CHECKPOINT, "lock"}
-        known |= {self._records_file(first).name for first in self._record_files}
-        known |= {self._slab_file(number).name for number, *_ in self._slabs}
+        known = {self.folder / CHECKPOINT, self.folder / LOCK, *self._files()}
         for entry in self.folder.iterdir():
-            if entry.name in known:
+            if entry in known:
                 continue
             if entry.is_dir():
                 shutil.rmtree(entry)

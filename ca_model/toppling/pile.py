@@ -111,7 +111,13 @@ class ToppledPile:
         return Slab(bottom, top_of(bottom, ends, grains, self._rule.grain_height), ends, grains)
 
     def state(self) -> State:
-        """All that changes."""
+        """All that changes; of the stacks what they hold, and not what is left in free places."""
+        count = self._pile.grains[:, None]
+        places = np.arange(max(1, int(count.max())))
+        stack = np.where(places < count, self._pile.stack[:, : len(places)], np.int8(0))
+        return self._arrays() | {"stack": stack}
+
+    def _arrays(self) -> State:
         return {"random": self._random, "buried": self._buried, **arrays_of(self._pile)}
 
     def restore(self, state: State) -> None:
@@ -120,7 +126,7 @@ class ToppledPile:
         if state["stack"].ndim != 2 or state["stack"].shape[0] != columns:
             raise ValueError(f"its stack is not one of {columns} columns")
         self._pile = self._pile._replace(stack=np.zeros(state["stack"].shape, dtype=np.int8))
-        put_back(self.state(), state)
+        put_back(self._arrays(), state)
 
     @property
     def height(self) -> Ints:

@@ -93,8 +93,9 @@ def pour(
                         progress=progress,
                         stop=stop,
                     )
-            except StoppedError as stopped:
-                click.echo(f"stratify: {name}: {stopped}; go on with: {_to_go_on()}", err=True)
+            except (StoppedError, KeyboardInterrupt) as stopped:
+                how = str(stopped) or "stopped at once"
+                click.echo(f"stratify: {name}: {how}; go on with: {_to_go_on()}", err=True)
                 sys.exit(128 + stop.signal)
             say(f"{name}: wrote {path}" if is_new else f"{name}: {path} is whole already")
             if name == model_of(setup) and not settings:
