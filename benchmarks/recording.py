@@ -17,8 +17,8 @@ import continuum
 from benchmarks.clock import once, seconds
 from experiment import Experiment, NotApplicableError, load
 from experiment.pouring import Begin, Pouring, run_to_the_end
-from experiment.streaming import pour_to_file
-from experiment.work import Work, locked
+from experiment.pouring.streaming import pour_to_file
+from experiment.pouring.work import Work, locked
 
 PRESETS = ("makse-stratification", "glass-sugar", "lattice-stratification", "drum-mixture")
 FINER = (400, 800)

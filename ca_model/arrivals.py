@@ -19,7 +19,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from experiment.arrays import Floats, Ints
-from experiment.state import State, put_back
+from experiment.pouring.state import State, put_back
 
 __all__ = ["ArrivalKind", "Arrivals"]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ca_model.kernel.bits import ONE
 from ca_model.kernel.log import Entries, column_of, rank_of
 from experiment.arrays import Floats, Ints
-from experiment.slabs import Slab
+from experiment.pouring.slabs import Slab
 
 __all__ = ["Grains", "Raster", "count", "section", "slab_of", "top_of"]
 

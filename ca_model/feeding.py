@@ -6,7 +6,7 @@ from ca_model.arrivals import Arrivals
 from ca_model.lattice import Lattice
 from experiment import Experiment
 from experiment.arrays import Floats, Ints
-from experiment.state import State, put_back
+from experiment.pouring.state import State, put_back
 
 __all__ = ["Feeding"]
 

@@ -14,8 +14,8 @@ from ca_model.kernel.slope import RankedRule, Slope, mark_all
 from ca_model.kernel.steps import Heap, take_steps
 from ca_model.lattice import Ground, Rule
 from experiment.arrays import Ints
-from experiment.slabs import Slab
-from experiment.state import State, arrays_of, put_back
+from experiment.pouring.slabs import Slab
+from experiment.pouring.state import State, arrays_of, put_back
 
 __all__ = ["LOG", "Pile", "ranked_rule", "slope_below"]
 

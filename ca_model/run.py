@@ -17,9 +17,9 @@ from ca_model.toppling.pile import ToppledPile
 from experiment import Experiment, SetupError
 from experiment.arrays import Floats, Ints
 from experiment.pouring import Sliced, pour_in_memory
-from experiment.recorder import record_steps
-from experiment.slabs import Slabs
-from experiment.state import State
+from experiment.pouring.recorder import record_steps
+from experiment.pouring.slabs import Slabs
+from experiment.pouring.state import State
 
 __all__ = ["LatticePouring", "begin", "check", "pour", "pour_many"]
 

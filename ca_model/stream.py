@@ -24,15 +24,15 @@ from ca_model.lattice import Lattice, lattice_of
 from ca_model.run import begin
 from experiment import Experiment, SetupError
 from experiment.archive import assemble, experiment_of, load
+from experiment.archive.places import in_store
+from experiment.archive.storage import reading, seal
 from experiment.arrays import Ints
-from experiment.assembly import skeleton
 from experiment.errors import ArchiveError
-from experiment.places import in_store
 from experiment.pouring import Pouring
-from experiment.slabs import Slab
-from experiment.storage import reading, seal
-from experiment.streaming import pour_to_file
-from experiment.work import Work
+from experiment.pouring.assembly import skeleton
+from experiment.pouring.slabs import Slab
+from experiment.pouring.streaming import pour_to_file
+from experiment.pouring.work import Work
 
 __all__ = ["pour_to_disk", "read_section", "slabs_of"]
 
@@ -58,7 +58,7 @@ def pour_to_disk(
 
     The grains are those of :func:`ca_model.pour`, and `log` of them are kept in memory before they
     are written. The file is whole or absent; a pour that was stopped goes on with `resume`. Raises
-    what :func:`experiment.streaming.pour_to_file` raises.
+    what :func:`experiment.pouring.streaming.pour_to_file` raises.
     """
     if log < 1:
         raise SetupError(f"log = {log}: it should be at least 1")

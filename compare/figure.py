@@ -11,9 +11,9 @@ import xarray as xr
 
 from compare.accessor import Strata
 from compare.quantities import coarseness, settled_since, total_inflow, why_not_measured
+from experiment.archive.files import whole_file
 from experiment.arrays import Floats
 from experiment.errors import ArchiveError
-from experiment.files import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

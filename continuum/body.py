@@ -12,8 +12,8 @@ from continuum.section import rest_of, slab_of
 from continuum.slopes import Slope, across
 from continuum.state import Flow, sealed_bins, with_more_bins, with_sealed_bins
 from experiment.arrays import Floats, Ints
-from experiment.slabs import Slab, Slabs
-from experiment.state import State, arrays_of, put_back
+from experiment.pouring.slabs import Slab, Slabs
+from experiment.pouring.state import State, arrays_of, put_back
 
 __all__ = ["Body"]
 

@@ -20,9 +20,9 @@ from experiment import Experiment, NotApplicableError, SetupError
 from experiment.arrays import Floats, Ints
 from experiment.fields import Part
 from experiment.pouring import Sliced, pour_in_memory
-from experiment.recorder import record_steps
-from experiment.slabs import Slabs
-from experiment.state import State, put_back
+from experiment.pouring.recorder import record_steps
+from experiment.pouring.slabs import Slabs
+from experiment.pouring.state import State, put_back
 
 __all__ = ["FlowPouring", "Resolution", "begin", "check", "pour"]
 

@@ -8,7 +8,7 @@ import numpy as np
 from continuum.slopes import Slope, across
 from continuum.state import Flow
 from experiment.arrays import Floats, Ints
-from experiment.slabs import Slab
+from experiment.pouring.slabs import Slab
 
 __all__ = [
     "heights_in_drum",

@@ -11,9 +11,9 @@ import ca_model
 import continuum
 from experiment import ArchiveError, Experiment, OutputExistsError, load
 from experiment.archive import assemble, experiment_of, read, write
-from experiment.recorder import Recorder, record_steps
-from experiment.storage import write_whole
-from experiment.variables import COORDINATES, VARIABLES
+from experiment.archive.storage import write_whole
+from experiment.archive.variables import COORDINATES, VARIABLES
+from experiment.pouring.recorder import Recorder, record_steps
 
 MODELS = pytest.mark.parametrize("model", [ca_model, continuum])
 

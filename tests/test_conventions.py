@@ -19,7 +19,7 @@ from compare.photograph import View, measure_photograph
 from compare.prediction import base, with_piles, with_prediction
 from experiment import load
 from experiment.archive import write
-from experiment.storage import write_whole
+from experiment.archive.storage import write_whole
 
 TIME_BY_NAME = "check_spatiotemporal_dims_have_coordinate_vars"
 SHORT = ("cell.length=20.0", "pour.duration=40.0", "pour.records=8", "continuum.cells=20")

@@ -21,8 +21,8 @@ import continuum
 from ca_model.stream import pour_to_disk, read_section
 from experiment import ArchiveError, Experiment, load
 from experiment.archive import read, write
-from experiment.digest import bare_size, digest_of
-from experiment.storage import seal, write_whole
+from experiment.archive.digest import bare_size, digest_of
+from experiment.archive.storage import seal, write_whole
 
 SET_UP = ["cell.length=20.0", "pour.duration=60.0", "pour.records=8", "continuum.cells=20"]
 NOBODY = 65534

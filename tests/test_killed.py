@@ -22,12 +22,12 @@ from zygote import CASES, PHASES, pour
 
 from experiment import Experiment
 from experiment.archive import read
-from experiment.digest import DIGEST, digest_of
-from experiment.extension import STATE, extended
+from experiment.archive.digest import DIGEST, digest_of
+from experiment.archive.storage import read_whole
 from experiment.pouring import pour_in_memory
-from experiment.slabs import Slab
-from experiment.storage import read_whole
-from experiment.work import Work, work_folder
+from experiment.pouring.extension import STATE, extended
+from experiment.pouring.slabs import Slab
+from experiment.pouring.work import Work, work_folder
 
 HERE = Path(__file__).parent
 KILLS = int(os.environ.get("STRATIFY_KILLS", "100"))

@@ -14,8 +14,8 @@ from ca_model.lattice import MANY, Ground, Rule, lattice_of
 from ca_model.pile import Pile
 from ca_model.reference import ReferencePile
 from experiment import NotApplicableError, SetupError, load
-from experiment.recorder import edges_of_steps
-from experiment.slabs import Deposit
+from experiment.pouring.recorder import edges_of_steps
+from experiment.pouring.slabs import Deposit
 
 SILO, HEAP = 1, 2
 

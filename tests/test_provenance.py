@@ -10,8 +10,8 @@ import ca_model
 import continuum
 from experiment import Experiment, load
 from experiment.archive import read, write
-from experiment.provenance import difference, stamp
-from experiment.storage import content_of
+from experiment.archive.provenance import difference, stamp
+from experiment.archive.storage import content_of
 
 SMALL = ["cell.length=20.0", "pour.duration=50.0", "pour.records=10", "continuum.cells=30"]
 
@@ -82,7 +82,7 @@ def test_the_first_difference_of_two_set_ups_is_named(settings: list[str], told:
 def test_another_version_is_a_difference(monkeypatch) -> None:
     experiment: Experiment = load("makse-stratification", SMALL)
     here = stamp("continuum", experiment)
-    monkeypatch.setattr("experiment.provenance.version", lambda name: f"9.{len(name)}")
+    monkeypatch.setattr("experiment.archive.provenance.version", lambda name: f"9.{len(name)}")
     there = stamp("continuum", experiment)
     assert difference(there, here).startswith(
         "there continuum of stratify 9.8 with numpy 9.5, numba 9.5, here continuum of stratify"

@@ -21,9 +21,9 @@ from zygote import CASES, pour
 from compare.cli.stopping import Stop
 from experiment import ArchiveError, OutputExistsError, SetupError, StoppedError
 from experiment.archive import read
-from experiment.digest import DIGEST
-from experiment.storage import read_whole, seal, write_whole
-from experiment.work import CHECKPOINT, work_folder
+from experiment.archive.digest import DIGEST
+from experiment.archive.storage import read_whole, seal, write_whole
+from experiment.pouring.work import CHECKPOINT, work_folder
 
 STRATIFY = Path(sys.executable).parent / "stratify"
 ROOT = Path(__file__).parent.parent

@@ -14,10 +14,10 @@ from ca_model.lattice import lattice_of
 from ca_model.stream import pour_to_disk, read_section, slabs_of
 from experiment import Experiment, NotApplicableError, SetupError, load
 from experiment.archive import read, write
+from experiment.archive.storage import seal
 from experiment.errors import ArchiveError, OutputExistsError
 from experiment.pouring import InMemory, run_to_the_end
-from experiment.slabs import Deposit
-from experiment.storage import seal
+from experiment.pouring.slabs import Deposit
 
 MEMORY = Path("/proc/self/status")
 LOG = 3000  # grains; a small pour makes many slabs of them

@@ -13,12 +13,12 @@ import ca_model
 import continuum
 from experiment import ArchiveError, Experiment, SetupError, StoppedError, load
 from experiment.archive import read
-from experiment.digest import DIGEST
+from experiment.archive.digest import DIGEST
+from experiment.archive.storage import told_by
 from experiment.pouring import InMemory, Pouring, run_to_the_end
-from experiment.slabs import Deposit, Slab
-from experiment.storage import told_by
-from experiment.streaming import pour_to_file
-from experiment.work import work_folder
+from experiment.pouring.slabs import Deposit, Slab
+from experiment.pouring.streaming import pour_to_file
+from experiment.pouring.work import work_folder
 
 MEMORY = Path("/proc/self/status")
 SHORT = ["pour.records=20", "continuum.cells=40"]
@@ -205,7 +205,7 @@ def test_memory_stays_flat_however_long_it_is_poured(model: str, tmp_path: Path)
 from pathlib import Path
 import {model} as model
 from experiment import load
-from experiment.streaming import pour_to_file
+from experiment.pouring.streaming import pour_to_file
 
 def peak(times):
     settings = [

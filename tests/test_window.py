@@ -11,7 +11,7 @@ import ca_model.pile
 from ca_model.kernel.packets import follow_packets
 from ca_model.lattice import MANY, Ground, Rule
 from ca_model.pile import Pile
-from experiment.slabs import Deposit
+from experiment.pouring.slabs import Deposit
 
 STRATIFYING = (np.array([1, 2]), np.array([[4, 8], [1, 5]]), np.array([0, 1]))
 

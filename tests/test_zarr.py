@@ -15,10 +15,10 @@ import continuum
 from compare.cli import cli
 from experiment import ArchiveError, OutputExistsError, SetupError, StoppedError, load
 from experiment.archive import read, write
-from experiment.digest import DIGEST
-from experiment.storage import read_whole
-from experiment.streaming import pour_to_file
-from experiment.work import work_folder
+from experiment.archive.digest import DIGEST
+from experiment.archive.storage import read_whole
+from experiment.pouring.streaming import pour_to_file
+from experiment.pouring.work import work_folder
 
 MODELS = {"ca_model": ca_model, "continuum": continuum}
 BOTH = pytest.mark.parametrize("model", sorted(MODELS))
@@ -109,7 +109,7 @@ def test_every_chunk_carries_its_crc(poured: Path) -> None:
 
 
 def test_a_large_array_is_stored_in_many_pieces_and_is_the_same(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("experiment.zarr_store.PIECE", 5000)
+    monkeypatch.setattr("experiment.archive.zarr_store.PIECE", 5000)
     pour("continuum", tmp_path / "continuum.nc")
     pour("continuum", tmp_path / "run.zarr" / "continuum")
     assert len(list((tmp_path / "run.zarr" / "continuum" / "deposit_fraction").iterdir())) > 10

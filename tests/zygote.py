@@ -20,9 +20,9 @@ from typing import Any, NamedTuple
 import ca_model
 import continuum
 from experiment import Experiment, StratifyError, load, streaming
-from experiment.assembly import assemble_on_disk
 from experiment.pouring import Begin
-from experiment.work import Work
+from experiment.pouring.assembly import assemble_on_disk
+from experiment.pouring.work import Work
 
 PHASES = ("starting", "pouring", "writing a checkpoint", "putting together", "clearing up")
 LATTICE = ["cell.length=40.0", "pour.duration=300.0", "pour.records=6"]

@@ -22,8 +22,8 @@ from ca_model.toppling.kernel import (
     bare_pile,
 )
 from experiment.arrays import Ints
-from experiment.slabs import Slab
-from experiment.state import State, arrays_of, put_back
+from experiment.pouring.slabs import Slab
+from experiment.pouring.state import State, arrays_of, put_back
 
 __all__ = ["ToppledPile"]
 

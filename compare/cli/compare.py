@@ -17,9 +17,9 @@ from compare.measurement import in_detail
 from compare.prediction import base, models_with_chance, with_piles, with_prediction
 from compare.table import as_records, table
 from experiment import Experiment
-from experiment.files import refuse_existing
-from experiment.places import beside
-from experiment.storage import write_whole
+from experiment.archive.files import refuse_existing
+from experiment.archive.places import beside
+from experiment.archive.storage import write_whole
 
 __all__ = ["compare"]
 

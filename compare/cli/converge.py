@@ -18,8 +18,8 @@ from compare.convergence import converge as converge_archives
 from compare.convergence import refinement_ratio
 from compare.table import convergence_record, convergence_table
 from experiment import Experiment, NotApplicableError, SetupError
-from experiment.files import make_folder, refuse_existing
-from experiment.storage import write_whole
+from experiment.archive.files import make_folder, refuse_existing
+from experiment.archive.storage import write_whole
 
 __all__ = ["converge"]
 

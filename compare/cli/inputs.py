@@ -9,8 +9,8 @@ import continuum
 from compare.campaign import POUR
 from experiment import ArchiveError, Experiment, load
 from experiment.archive import read
-from experiment.places import archive_at, is_archive
-from experiment.storage import told_by
+from experiment.archive.places import archive_at, is_archive
+from experiment.archive.storage import told_by
 
 __all__ = ["archives_of", "folder_of", "load_setup", "model_of"]
 

@@ -11,8 +11,8 @@ from compare.figure import draw_photograph, save
 from compare.photograph import View, measure_photograph
 from compare.table import layers_record, layers_table
 from experiment import PictureError, SetupError
-from experiment.files import refuse_existing
-from experiment.storage import write_whole
+from experiment.archive.files import refuse_existing
+from experiment.archive.storage import write_whole
 
 __all__ = ["measure"]
 

@@ -12,10 +12,10 @@ from compare.cli.options import force_option, path_type, set_option
 from compare.cli.stopping import Stop
 from compare.cli.terminal import open_bars, progress_on, say
 from experiment import Experiment, NotApplicableError, StoppedError
-from experiment.files import refuse_existing
-from experiment.places import archive_at
-from experiment.storage import content_of, told_by
-from experiment.streaming import EVERY, pour_to_file
+from experiment.archive.files import refuse_existing
+from experiment.archive.places import archive_at
+from experiment.archive.storage import content_of, told_by
+from experiment.pouring.streaming import EVERY, pour_to_file
 
 __all__ = ["pour"]
 

@@ -8,8 +8,8 @@ from compare.cli.options import force_option, path_type
 from compare.cli.terminal import say
 from compare.figure import draw, save
 from experiment.archive import read
-from experiment.files import refuse_existing
-from experiment.places import beside
+from experiment.archive.files import refuse_existing
+from experiment.archive.places import beside
 
 __all__ = ["show"]
 

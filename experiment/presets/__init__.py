@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
+from experiment.archive.places import is_archive
+from experiment.archive.storage import told_by
 from experiment.errors import SetupError
 from experiment.experiment import Experiment
-from experiment.places import is_archive
-from experiment.storage import told_by
 
 __all__ = ["load", "preset_names", "preset_text"]
 

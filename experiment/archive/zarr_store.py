@@ -26,9 +26,9 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
-from experiment.digest import digest_of
+from experiment.archive.digest import digest_of
+from experiment.archive.files import make_folder, sync
 from experiment.errors import ArchiveError
-from experiment.files import make_folder, sync
 
 if TYPE_CHECKING:
     from zarr import Group

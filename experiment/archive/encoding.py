@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from experiment.variables import VARIABLES
+from experiment.archive.variables import VARIABLES
 
 __all__ = ["PIECE", "encoding_of", "unsqueezed"]
 

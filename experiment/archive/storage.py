@@ -1,7 +1,7 @@
 """Datasets in files that are whole or absent, and that say so when they were damaged.
 
-netCDF-4, whatever the Dataset tells of; :mod:`experiment.digest` has what proves a file. What is
-read may be a group of a Zarr store as well (:mod:`experiment.zarr_store`).
+netCDF-4, whatever the Dataset tells of; :mod:`experiment.archive.digest` has what proves a file.
+What is read may be a group of a Zarr store as well (:mod:`experiment.archive.zarr_store`).
 """
 
 import os
@@ -14,12 +14,12 @@ import netCDF4
 import numpy as np
 import xarray as xr
 
-from experiment.digest import DIGEST, digest_of, put_checksum, refuse_damaged
-from experiment.encoding import PIECE, encoding_of, unsqueezed
+from experiment.archive.digest import DIGEST, digest_of, put_checksum, refuse_damaged
+from experiment.archive.encoding import PIECE, encoding_of, unsqueezed
+from experiment.archive.files import size_of, whole_file
+from experiment.archive.places import in_store
+from experiment.archive.zarr_store import need_zarr, open_group, proven_digest
 from experiment.errors import ArchiveError, StratifyError
-from experiment.files import size_of, whole_file
-from experiment.places import in_store
-from experiment.zarr_store import need_zarr, open_group, proven_digest
 
 __all__ = [
     "content_of",

@@ -11,12 +11,12 @@ from typing import Any, Protocol
 
 import xarray as xr
 
-from experiment.archive import assemble
+from experiment.archive.layout import assemble
 from experiment.arrays import Floats, Ints
 from experiment.experiment import Experiment
-from experiment.recorder import Recorder, edges_of_steps, record_steps
-from experiment.slabs import Deposit, Slabs
-from experiment.state import State
+from experiment.pouring.recorder import Recorder, edges_of_steps, record_steps
+from experiment.pouring.slabs import Deposit, Slabs
+from experiment.pouring.state import State
 
 __all__ = ["Begin", "InMemory", "Keeper", "Pouring", "pour_in_memory", "run_to_the_end"]
 

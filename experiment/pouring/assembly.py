@@ -10,16 +10,16 @@ from typing import Any
 import netCDF4
 import numpy as np
 
-from experiment.archive import lay_out
+from experiment.archive.encoding import encoding_of
+from experiment.archive.layout import lay_out
+from experiment.archive.storage import few_pieces, seal, store
+from experiment.archive.variables import COORDINATES, VARIABLES, Variable
 from experiment.arrays import Floats
-from experiment.encoding import encoding_of
-from experiment.extension import STATE
-from experiment.pouring import Pouring
-from experiment.recorder import record_steps
-from experiment.state import bare_dataset
-from experiment.storage import few_pieces, seal, store
-from experiment.variables import COORDINATES, VARIABLES, Variable
-from experiment.work import Work
+from experiment.pouring.extension import STATE
+from experiment.pouring.loop import Pouring
+from experiment.pouring.recorder import record_steps
+from experiment.pouring.state import bare_dataset
+from experiment.pouring.work import Work
 
 __all__ = ["assemble_on_disk", "skeleton"]
 

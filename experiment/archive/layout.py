@@ -2,7 +2,7 @@
 
 :func:`assemble` builds the Dataset from plain arrays and refuses what the table of variables does
 not know; :func:`write` puts it under its final name only once it is complete; :func:`read` refuses
-whatever is not such a file, or no longer the one that was written (:mod:`experiment.digest`).
+whatever is not such a file, or not the one that was written (:mod:`experiment.archive.digest`).
 """
 
 from collections.abc import Collection
@@ -15,11 +15,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from experiment.archive.provenance import stamp
+from experiment.archive.storage import read_whole, reading, write_whole
+from experiment.archive.variables import COORDINATES, VARIABLES, Variable
 from experiment.errors import ArchiveError
 from experiment.experiment import Experiment
-from experiment.provenance import stamp
-from experiment.storage import read_whole, reading, write_whole
-from experiment.variables import COORDINATES, VARIABLES, Variable
 
 __all__ = [
     "CONVENTIONS",

@@ -7,18 +7,18 @@ that it would have come to anyway.
 from collections.abc import Callable
 from pathlib import Path
 
-from experiment.archive import experiment_of
-from experiment.assembly import assemble_on_disk
+from experiment.archive.files import put_in_place, refuse_existing, writing
+from experiment.archive.layout import experiment_of
+from experiment.archive.places import in_store
+from experiment.archive.provenance import difference, stamp
+from experiment.archive.storage import opened
+from experiment.archive.zarr_store import fill_store, make_ready
 from experiment.errors import ArchiveError, OutputExistsError
 from experiment.experiment import Experiment
-from experiment.extension import extended, refuse_another_setup
-from experiment.files import put_in_place, refuse_existing, writing
-from experiment.places import in_store
-from experiment.pouring import Begin, Pouring, Progress, run_to_the_end
-from experiment.provenance import difference, stamp
-from experiment.storage import opened
-from experiment.work import Work, locked
-from experiment.zarr_store import fill_store, make_ready
+from experiment.pouring.assembly import assemble_on_disk
+from experiment.pouring.extension import extended, refuse_another_setup
+from experiment.pouring.loop import Begin, Pouring, Progress, run_to_the_end
+from experiment.pouring.work import Work, locked
 
 __all__ = ["Finish", "pour_to_file"]
 

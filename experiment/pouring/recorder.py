@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from experiment.archive.variables import COORDINATES, VARIABLES
 from experiment.arrays import Floats
 from experiment.errors import ArchiveError, SetupError
 from experiment.experiment import Pour
-from experiment.variables import COORDINATES, VARIABLES
 
 __all__ = ["Recorder", "edges_of_steps", "record_steps"]
 

@@ -20,19 +20,19 @@ import netCDF4
 import numpy as np
 from filelock import FileLock, Timeout
 
+from experiment.archive.digest import DIGEST, refuse_damaged
+from experiment.archive.files import make_folder
+from experiment.archive.places import beside
+from experiment.archive.provenance import difference, stamp
+from experiment.archive.storage import holds, opened, read_whole, reading, told_by, write_whole
 from experiment.arrays import Floats
-from experiment.digest import DIGEST, refuse_damaged
 from experiment.errors import ArchiveError, OutputExistsError, StoppedError
 from experiment.experiment import Experiment
-from experiment.extension import STATE, Base
-from experiment.files import make_folder
-from experiment.places import beside
-from experiment.pouring import Pouring
-from experiment.provenance import difference, stamp
-from experiment.recorder import Recorder, record_steps
-from experiment.slabs import Slab
-from experiment.state import State, arrays_in, bare_dataset
-from experiment.storage import holds, opened, read_whole, reading, told_by, write_whole
+from experiment.pouring.extension import STATE, Base
+from experiment.pouring.loop import Pouring
+from experiment.pouring.recorder import Recorder, record_steps
+from experiment.pouring.slabs import Slab
+from experiment.pouring.state import State, arrays_in, bare_dataset
 
 __all__ = ["Work", "locked", "work_folder"]
 

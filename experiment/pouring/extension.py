@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
+from experiment.archive.digest import DIGEST
+from experiment.archive.provenance import difference_of_setups
+from experiment.archive.storage import opened
+from experiment.archive.variables import VARIABLES
 from experiment.arrays import Floats, Ints
-from experiment.digest import DIGEST
 from experiment.errors import ArchiveError, SetupError
 from experiment.experiment import Experiment
-from experiment.provenance import difference_of_setups
-from experiment.state import State
-from experiment.storage import opened
-from experiment.variables import VARIABLES
+from experiment.pouring.state import State
 
 __all__ = ["STATE", "Base", "extended", "refuse_another_setup"]
 
