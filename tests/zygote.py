@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 
 import ca_model
 import continuum
-from experiment import Experiment, StratifyError, load, streaming
-from experiment.pouring import Begin
+from experiment import Experiment, StratifyError, load
+from experiment.pouring import Begin, streaming
 from experiment.pouring.assembly import assemble_on_disk
 from experiment.pouring.work import Work
 
