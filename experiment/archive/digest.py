@@ -114,7 +114,7 @@ def _blocks(values: xr.Variable) -> Iterator[NDArray[Any]]:
 
 def _numbers(block: NDArray[Any]) -> memoryview:
     if block.dtype.kind == "f":
-        block = block + block.dtype.type(0)
+        block = np.atleast_1d(block) + block.dtype.type(0)
         block[np.isnan(block)] = np.nan
     return np.ascontiguousarray(block, dtype=block.dtype.newbyteorder("<")).data
 
