@@ -135,7 +135,7 @@ def in_c(pour: Pour, library: ctypes.CDLL) -> int:
 
 
 def in_numba(pour: Pour) -> None:
-    taken, _ = advance(*pour)
+    taken = advance(*pour).steps
     if taken != len(pour.inflow):
         raise RuntimeError(f"the kernel took {taken} of {len(pour.inflow)} steps")
 

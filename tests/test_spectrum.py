@@ -18,7 +18,7 @@ def segregation(*settings: str) -> Experiment:
 def after(step: Step, state: np.ndarray, steps: int) -> np.ndarray:
     """The state after a pour of `steps` by the kernel alone, which is told the state only once."""
     flow = step.flow(state)
-    taken, _ = advance(
+    taken, *_ = advance(
         flow, step.law, step.grid, step.velocity, np.tile(step.inflow, (steps - 1, 1))
     )
     assert taken == steps - 1
