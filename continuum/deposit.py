@@ -6,6 +6,8 @@ before anything else happens; below the tape's last bin nothing can be dug up. A
 open bins that hold more than dz are sealed. Both are rare and go cell by cell.
 """
 
+import math
+
 from numba import njit
 
 from continuum.state import Flow
@@ -99,7 +101,8 @@ def is_nearly_full(flow: Flow, thickest: float, dz: float) -> bool:
 @njit(cache=True, error_model="numpy")
 def is_nearly_bare(flow: Flow, deepest: float, dz: float) -> bool:
     """Whether what was handed on could be dug up by `deepest` [cm], the most that a step digs."""
+    bins = math.ceil(min(deepest / dz, 1e15)) + 1
     bare = 0
     for row in range(flow.sealed.size):
-        bare += flow.buried[row] > 0 and flow.sealed[row] < deepest / dz + 1.0
+        bare += (flow.buried[row] > 0) & (flow.sealed[row] < bins)
     return bare > 0
