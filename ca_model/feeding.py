@@ -34,7 +34,7 @@ class Feeding:
         """Grains (step, side, species) of the steps between `edges`, and their source (step,)."""
         rates = self.feed.mean_thickness(edges) / self.lattice.grain_thickness
         grains = np.stack([side.take(rates) for side in self.arrivals], axis=1)
-        self.poured += grains.sum(axis=(0, 1))
+        self.poured += [grains[..., a].sum() for a in range(self.poured.size)]
         return grains, self._source(edges)
 
     def _source(self, edges: Floats) -> Ints:
