@@ -44,6 +44,13 @@ def test_what_comes_out_otherwise_than_an_archive_is_told(tmp_path: Path) -> Non
     assert "it differs from older.nc, which is by ca_model of stratify 0.0.9" in done.stdout
 
 
+def test_an_archive_that_is_poured_over_itself_is_compared_with_what_it_was(tmp_path: Path) -> None:
+    archive = read(poured(tmp_path)).assign_attrs(source="ca_model of stratify 0.0.9")
+    write(archive, tmp_path / "run" / "ca_model.nc")
+    done = stratify("pour", "run/ca_model.nc", "-o", "run", "--force", folder=tmp_path)
+    assert "it differs from run/ca_model.nc, which is by ca_model of stratify 0.0.9" in done.stdout
+
+
 def test_an_archive_can_be_poured_with_a_change(tmp_path: Path) -> None:
     poured(tmp_path)
     change = ["--set", "pour.seed=8", "--model", "both", "-o", "again"]

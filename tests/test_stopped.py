@@ -273,7 +273,7 @@ def test_an_extension_goes_on_from_no_other_archive(tmp_path: Path) -> None:
         file.comment = "of the same set-up, but another"
     seal(path)
     before = files(tmp_path)
-    with pytest.raises(ArchiveError, match="is not the archive that was being extended"):
+    with pytest.raises(ArchiveError, match=r"^'[^']*' is not the archive that was being extended"):
         pour("pulses, extended", str(path), resume=True, extend=True)
     assert files(tmp_path) == before
 

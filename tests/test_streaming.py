@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -97,6 +98,21 @@ def test_an_extended_archive_is_that_of_the_longer_pour(model, name, tmp_path: P
     assert not pour_to_file(
         MODELS[model].begin, setup(name, longer=2.5), path, extend=True, resume=True
     )
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_an_archive_is_the_same_in_however_small_parts_it_is_made(
+    model, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    few = {"ca_model": {"log": 300}, "continuum": {"most_bins": 32}}[model]
+    begin, name = partial(MODELS[model].begin, **few), "drawn grains"
+    whole, path = tmp_path / "whole.nc", tmp_path / "run.nc"
+    pour_to_file(begin, setup(name, longer=2.0, records=40), whole)
+    for room in ("assembly.BAND", "work.ROOM", "extension.ROWS"):
+        monkeypatch.setattr(f"experiment.pouring.{room}", 2**14)
+    pour_to_file(begin, setup(name), path)
+    pour_to_file(begin, setup(name, longer=2.0), path, extend=True)
+    assert told_by(path, DIGEST) == told_by(whole, DIGEST)
 
 
 @pytest.mark.parametrize(

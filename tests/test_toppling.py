@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ca_model
-from ca_model.lattice import TopplingRule
+from ca_model.lattice import Ground, TopplingRule
 from ca_model.toppling.kernel import (
     WALL,
     TopplingPile,
@@ -15,9 +15,11 @@ from ca_model.toppling.kernel import (
     pick,
     random_state,
 )
+from ca_model.toppling.pile import ToppledPile
 from ca_model.toppling.reference import ReferenceToppling
 from compare import measure
 from experiment import StratifyError, load
+from experiment.pouring.slabs import Deposit
 
 FRANKS = TopplingRule(np.array([1, 2]), np.array([[4, 6], [3, 5]]), spread=1)
 OSLO = TopplingRule(np.array([1]), np.array([[2]]), spread=1)
@@ -91,6 +93,41 @@ def test_grains_are_the_same_however_the_arrivals_are_split(set_up, part, places
     assert stacks_of(split) == stacks_of(whole)
     assert (split.outflow == whole.outflow).all()
     assert random == same_random
+
+
+@given(set_ups(), st.integers(1, 40))
+@settings(max_examples=300, deadline=None)
+def test_what_is_buried_never_topples(set_up, part: int) -> None:
+    rule, base, ends, arrivals, seed = set_up
+    random = random_state(seed)
+    free = pour(rule, bare_pile(rule, base, random, **ends), arrivals, random)
+
+    lips = None if ends["lip"] == WALL else (0, ends["lip"])
+    deposit = Deposit()
+    ground = Ground(base, ends["base_species"], lips)
+    buried = ToppledPile(rule, ground, deposit.lay, random_state(seed))
+    for first in range(0, len(arrivals), part):
+        buried.advance(arrivals[first : first + part, None], np.zeros(0))
+        buried.flush()
+    deposit.lay(buried.rest())
+    assert [deposit.stack(i).tolist() for i in range(len(base))] == stacks_of(free)
+    assert (buried.outflow == free.outflow).all()
+
+
+@pytest.mark.parametrize(
+    "rule",
+    [
+        pytest.param(TopplingRule(np.array([1, 4]), np.full((2, 2), 5), 0), id="tall grains"),
+        pytest.param(TopplingRule(np.array([1, 2]), np.full((2, 2), 1), 0), id="a flat pile"),
+    ],
+)
+def test_stacks_grow_where_burying_makes_no_room(rule: TopplingRule) -> None:
+    ground = Ground(np.zeros(80, dtype=np.int64), species=0)
+    pile = ToppledPile(rule, ground, Deposit().lay, random_state(0))
+    arrivals = np.zeros((400, 1, 2), dtype=np.int64)
+    arrivals[:, 0, 1] = 1
+    pile.advance(arrivals, np.zeros(0))
+    assert pile.grains_at_rest.tolist() == [0, 400]
 
 
 @settings(max_examples=100, deadline=None)

@@ -150,6 +150,17 @@ def test_an_extended_group_is_that_of_a_long_pour(model: str, poured: Path, tmp_
     assert {entry.name for entry in tmp_path.iterdir()} == {"run.zarr", "long.nc"}
 
 
+@BOTH
+def test_a_group_is_extended_before_anything_was_sealed(model: str, tmp_path) -> None:
+    path = tmp_path / "run.zarr" / model
+    short, longer = (
+        load("makse-stratification", [*SHORT, f"pour.duration={duration}", "pour.records=2"])
+        for duration in (1.0, 2.0)
+    )
+    pour(model, path, short)
+    assert pour(model, path, longer, extend=True)
+
+
 def _twice(pour):
     return pour.model_copy(update={"duration": 2 * pour.duration, "records": 2 * pour.records})
 

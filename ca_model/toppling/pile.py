@@ -61,10 +61,10 @@ class ToppledPile:
                 self._make_room()
 
     def _make_room(self) -> None:
-        """Bury what can be; where that is less than half of the highest stack, stacks grow."""
-        stack = self._pile.stack
+        """Bury what can be; where that is no more than half of the highest stack, stacks grow."""
+        stack, highest = self._pile.stack, self._pile.grains.max()
         self.flush()
-        if 2 * self._pile.grains.max() > stack.shape[1]:
+        if 2 * self._pile.grains.max() >= highest:
             self._pile = self._pile._replace(
                 stack=np.concatenate([self._pile.stack, np.zeros_like(stack)], axis=1)
             )

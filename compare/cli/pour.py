@@ -73,6 +73,8 @@ def pour(
     """
     experiment = load_setup(setup, settings)
     folder = folder or folder_of(setup)
+    again = None if settings else model_of(setup)
+    before = None if again is None else _content_and_source(Path(setup))
     model = model or model_of(setup) or "both"
     models = _applicable(experiment, list(BEGIN) if model == "both" else [model])
     paths = {name: archive_at(folder, name) for name in models}
@@ -98,8 +100,8 @@ def pour(
                 click.echo(f"stratify: {name}: {how}; go on with: {_to_go_on()}", err=True)
                 sys.exit(128 + stop.signal)
             say(f"{name}: wrote {path}" if is_new else f"{name}: {path} is whole already")
-            if name == model_of(setup) and not settings:
-                say(f"{name}: {_verdict(Path(setup), path)}")
+            if before is not None and name == again:
+                say(f"{name}: {_verdict(setup, before, path)}")
 
 
 def _to_go_on() -> str:
@@ -108,11 +110,16 @@ def _to_go_on() -> str:
     return shlex.join(["stratify", *sys.argv[1:], *resumed])
 
 
-def _verdict(archive: Path, again: Path) -> str:
-    """Whether an archive that was poured again came out the same."""
-    if content_of(archive) == content_of(again):
+def _content_and_source(archive: Path) -> tuple[str, str]:
+    return content_of(archive), told_by(archive, "source")
+
+
+def _verdict(archive: str, before: tuple[str, str], again: Path) -> str:
+    """Whether an archive, which this pour may have replaced, came out the same."""
+    content, source = before
+    if content_of(again) == content:
         return f"it holds what {archive} holds, bit for bit"
-    return f"it differs from {archive}, which is by {told_by(archive, 'source')}"
+    return f"it differs from {archive}, which is by {source}"
 
 
 def _applicable(experiment: Experiment, models: list[str]) -> list[str]:

@@ -80,11 +80,13 @@ def store(
     """Put `dataset` with its digest into a file that is not finished, a new one or (a) another."""
     lattice = dataset.attrs.get("model") == "ca_model"
     encoding = {
-        name: encoding_of(str(name), values.shape, whole_grains=lattice and _is_pure(values))
+        name: {"_FillValue": None}
+        if values.ndim == 0 or values.size == 0
+        else encoding_of(str(name), values.shape, whole_grains=lattice and _is_pure(values))
         if squeeze
         else unsqueezed(values.shape)
         for name, values in dataset.variables.items()
-        if values.dtype.kind == "f" and values.size > 0 and values.ndim > 0
+        if values.dtype.kind == "f"
     }
     signed = dataset.assign_attrs({DIGEST: digest_of(dataset)})
     signed.to_netcdf(part, mode, format="NETCDF4", group=group, engine="netcdf4", encoding=encoding)

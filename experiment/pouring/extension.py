@@ -63,8 +63,9 @@ class Base:
     def refuse_another(self) -> None:
         """Raise :class:`ArchiveError` where there is another archive now."""
         with opened(self.path) as archive:
-            if archive.attrs.get(DIGEST) != self.digest:
-                raise ArchiveError(f"{str(self.path)!r} is not the archive that was being extended")
+            digest = archive.attrs[DIGEST]
+        if digest != self.digest:
+            raise ArchiveError(f"{str(self.path)!r} is not the archive that was being extended")
 
     def recorded(self) -> Iterator[tuple[int, State]]:
         """The records by and by: the number of a first one, and variables from it on."""
