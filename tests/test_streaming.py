@@ -1,6 +1,7 @@
 """A pour to disk: the archive that memory would hold, in little memory, stopped or not."""
 
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -12,11 +13,19 @@ import pytest
 
 import ca_model
 import continuum
-from experiment import ArchiveError, Experiment, SetupError, StoppedError, load
+from experiment import (
+    ArchiveError,
+    Experiment,
+    OutputExistsError,
+    SetupError,
+    StoppedError,
+    load,
+)
 from experiment.archive import read
 from experiment.archive.digest import DIGEST
-from experiment.archive.storage import told_by
+from experiment.archive.storage import read_whole, told_by
 from experiment.pouring import InMemory, Pouring, run_to_the_end
+from experiment.pouring.extension import STATE
 from experiment.pouring.slabs import Deposit, Slab
 from experiment.pouring.streaming import pour_to_file
 from experiment.pouring.work import work_folder
@@ -79,6 +88,7 @@ def test_a_pour_stopped_anywhere_comes_to_the_same_archive(model, name, tmp_path
             stops += 1
     assert stops >= 9
     assert told_by(path, DIGEST) == told_by(whole, DIGEST)
+    assert read_whole(path, STATE).identical(read_whole(whole, STATE))
     assert sorted(tmp_path.iterdir()) == [path, whole]
 
 
@@ -113,6 +123,38 @@ def test_an_archive_is_the_same_in_however_small_parts_it_is_made(
     pour_to_file(begin, setup(name), path)
     pour_to_file(begin, setup(name, longer=2.0), path, extend=True)
     assert told_by(path, DIGEST) == told_by(whole, DIGEST)
+
+
+def test_an_extension_that_was_killed_once_it_was_in_place_is_whole(tmp_path: Path) -> None:
+    """Its work is still there, and whoever resumes it need not know that it extended anything."""
+    path, longer = tmp_path / "run.nc", setup("a schedule", longer=2.0, records=40)
+    pour_to_file(continuum.begin, setup("a schedule"), path)
+    with pytest.raises(StoppedError):
+        pour_to_file(continuum.begin, longer, path, extend=True, stop=stopping_at(3))
+    shutil.copytree(work_folder(path), tmp_path / "left behind")
+    pour_to_file(continuum.begin, longer, path, extend=True, resume=True)
+    whole = path.read_bytes()
+    (tmp_path / "left behind").rename(work_folder(path))
+    assert not pour_to_file(continuum.begin, longer, path, resume=True)
+    assert path.read_bytes() == whole
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_unfinished_extension_is_not_lost_for_asking_after_the_shorter_pour(tmp_path) -> None:
+    path = tmp_path / "run.nc"
+    pour_to_file(continuum.begin, setup("a schedule"), path)
+    with pytest.raises(StoppedError):
+        pour_to_file(
+            continuum.begin,
+            setup("a schedule", longer=2.0),
+            path,
+            extend=True,
+            stop=stopping_at(3),
+        )
+    for extend in (False, True):
+        with pytest.raises(OutputExistsError, match="holds another pour, unfinished"):
+            pour_to_file(continuum.begin, setup("a schedule"), path, resume=True, extend=extend)
+    assert (work_folder(path) / "checkpoint.nc").exists()
 
 
 @pytest.mark.parametrize(

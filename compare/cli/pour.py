@@ -2,6 +2,8 @@
 
 import shlex
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import click
@@ -81,27 +83,25 @@ def pour(
     if not (resume or extend):
         refuse_existing(paths.values(), force=force)
     with Stop() as stop:
+        how = partial(pour_to_file, resume=resume, extend=extend, force=force, every=every)
         for name, path in paths.items():
-            try:
-                with open_bars() as bars, progress_on(name, bars) as progress:
-                    is_new = pour_to_file(
-                        BEGIN[name],
-                        experiment,
-                        path,
-                        resume=resume,
-                        extend=extend,
-                        force=force,
-                        every=every,
-                        progress=progress,
-                        stop=stop,
-                    )
-            except (StoppedError, KeyboardInterrupt) as stopped:
-                how = str(stopped) or "stopped at once"
-                click.echo(f"stratify: {name}: {how}; go on with: {_to_go_on()}", err=True)
-                sys.exit(128 + stop.signal)
+            is_new = _pour_one(name, experiment, path, how, stop)
             say(f"{name}: wrote {path}" if is_new else f"{name}: {path} is whole already")
             if before is not None and name == again:
                 say(f"{name}: {_verdict(setup, before, path)}")
+
+
+def _pour_one(
+    name: str, experiment: Experiment, path: Path, how: Callable[..., bool], stop: Stop
+) -> bool:
+    """Whether a model had anything to pour; ends the process where it was stopped."""
+    try:
+        with open_bars() as bars, progress_on(name, bars) as progress:
+            return how(BEGIN[name], experiment, path, progress=progress, stop=stop)
+    except (StoppedError, KeyboardInterrupt) as stopped:
+        told = str(stopped) or "stopped at once"
+        click.echo(f"stratify: {name}: {told}; go on with: {_to_go_on()}", err=True)
+        sys.exit(128 + stop.signal)
 
 
 def _to_go_on() -> str:

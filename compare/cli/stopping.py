@@ -10,11 +10,15 @@ HEEDED = (signal.SIGINT, signal.SIGTERM)
 
 
 class Stop:
-    """Whether somebody pressed Ctrl-C or asked the process to end; the second time it ends."""
+    """Whether somebody pressed Ctrl-C or asked the process to end; the second time it ends.
+
+    A signal that the process was started to ignore stays ignored.
+    """
 
     def __init__(self) -> None:
         self.signal = 0
-        self._before = {number: signal.getsignal(number) for number in HEEDED}
+        handlers = {number: signal.getsignal(number) for number in HEEDED}
+        self._before = {n: heard for n, heard in handlers.items() if heard is not signal.SIG_IGN}
 
     def __call__(self) -> bool:
         """Whether to stop."""
@@ -22,7 +26,7 @@ class Stop:
 
     def __enter__(self) -> Self:
         """Hear, from now on."""
-        for number in HEEDED:
+        for number in self._before:
             signal.signal(number, self._hear)
         return self
 

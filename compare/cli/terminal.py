@@ -32,8 +32,9 @@ def open_bars(console: Console | None = None) -> Iterator[Progress]:
 
 @contextmanager
 def progress_on(name: str, bars: Progress) -> Iterator[Callable[[float], object]]:
-    """A bar while it pours, a line once it has."""
+    """A bar while it pours, a line once it has, if there was anything to pour."""
     started = time.perf_counter()
     task = bars.add_task(name, total=1.0)
     yield lambda share: bars.update(task, completed=share)
-    say(f"{name}: poured in {time.perf_counter() - started:.1f} s", bars.console)
+    if bars.tasks[task].completed:
+        say(f"{name}: poured in {time.perf_counter() - started:.1f} s", bars.console)

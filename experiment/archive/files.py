@@ -28,8 +28,11 @@ def refuse_existing(paths: Iterable[Path], *, force: bool) -> None:
 
 def make_folder(folder: Path) -> None:
     """Make `folder` if it is not there. Raises :class:`ArchiveError` where nothing can go in."""
+    missing = [made for made in (folder, *folder.parents) if not made.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        for made in missing:
+            sync(made.parent)
     except OSError as error:
         reason = error.strerror or error
         raise ArchiveError(f"folder {str(folder)!r} cannot be written: {reason}") from None

@@ -79,15 +79,16 @@ def store(
 ) -> None:
     """Put `dataset` with its digest into a file that is not finished, a new one or (a) another."""
     lattice = dataset.attrs.get("model") == "ca_model"
-    encoding = {
-        name: {"_FillValue": None}
-        if values.ndim == 0 or values.size == 0
-        else encoding_of(str(name), values.shape, whole_grains=lattice and _is_pure(values))
-        if squeeze
-        else unsqueezed(values.shape)
-        for name, values in dataset.variables.items()
-        if values.dtype.kind == "f"
-    }
+
+    def how(name: str, values: xr.Variable) -> dict[str, Any]:
+        if values.ndim == 0 or values.size == 0:
+            return {"_FillValue": None}
+        if not squeeze:
+            return unsqueezed(values.shape)
+        return encoding_of(name, values.shape, whole_grains=lattice and _is_pure(values))
+
+    floats = {str(n): v for n, v in dataset.variables.items() if v.dtype.kind == "f"}
+    encoding = {name: how(name, values) for name, values in floats.items()}
     signed = dataset.assign_attrs({DIGEST: digest_of(dataset)})
     signed.to_netcdf(part, mode, format="NETCDF4", group=group, engine="netcdf4", encoding=encoding)
 

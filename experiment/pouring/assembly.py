@@ -4,6 +4,7 @@ Memory holds a band of the deposit or a file of records, however long the pour w
 """
 
 from collections.abc import Collection, Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from experiment.archive.encoding import encoding_of
 from experiment.archive.layout import lay_out
-from experiment.archive.storage import few_pieces, seal, store
+from experiment.archive.storage import few_pieces, opened, seal, store
 from experiment.archive.variables import COORDINATES, VARIABLES, Variable
 from experiment.arrays import Floats
 from experiment.pouring.extension import STATE
@@ -78,6 +79,10 @@ def _create(file: netCDF4.Dataset, variable: Variable, pouring: Pouring) -> "net
 def _bands(pouring: Pouring, work: Work, rows: int) -> Iterator[tuple[int, Floats]]:
     """The deposit from below, band by band: the first row of each, and its rows."""
     high = max(1, BAND // (8 * pouring.columns * pouring.experiment.mixture.species))
-    for low in range(0, rows, high):
-        band = pouring.section(work, low, min(low + high, rows))
-        yield low, band if work.base is None else work.base.below(band, low)
+    base = work.base
+    with nullcontext() if base is None else opened(base.path) as archive:
+        for low in range(0, rows, high):
+            band = pouring.section(work, low, min(low + high, rows))
+            if base is not None and archive is not None:
+                band = base.below(archive, band, low)
+            yield low, band

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import xarray as xr
 
 from experiment.archive.digest import DIGEST
 from experiment.archive.provenance import difference_of_setups
@@ -77,11 +78,13 @@ class Base:
                 block = archive[names].isel(time=slice(first, first + max(1, ROWS // size)))
                 yield first, {name: block[name].values for name in names}
 
-    def below(self, band: Floats, low: int) -> Floats:
-        """Rows of a deposit (z, x, species) from bin `low` up, below the floor of this one."""
+    def below(self, archive: xr.Dataset, band: Floats, low: int) -> Floats:
+        """Rows of a deposit (z, x, species) from bin `low` up, below the floor those of `archive`.
+
+        That is the archive of this base, opened.
+        """
         whole = band.copy()
-        with opened(self.path) as archive:
-            there = archive["deposit_fraction"].isel(z=slice(low, low + len(band))).values
+        there = archive["deposit_fraction"].isel(z=slice(low, low + len(band))).values
         old = (low + np.arange(len(there)))[:, None] < self.floor
         whole[: len(there)][old] = there[old]
         return whole

@@ -51,19 +51,10 @@ def pour_to_file(
     :class:`SetupError` where the set-up is not one to extend by, and what `begin` raises.
     """
     with locked(path) as folder:
-        if in_store(path):
-            make_ready(path, folder)
-        refuse_existing([path], force=force or resume or extend)
+        _refuse_what_is_in_the_way(path, folder, force=force or resume or extend)
         work = Work(folder, every, stop)
         if extend:
-            there = _experiment_at(path)
-            if resume and experiment.pour.duration == there.pour.duration:
-                refuse_another_setup(experiment, there)
-                if work.is_begun and not work.pours(there):
-                    raise OutputExistsError(f"{str(folder)!r} holds a longer pour, unfinished")
-                work.clear()
-                return False
-            experiment = extended(experiment, there)
+            experiment = _extending(experiment, path, resume=resume)
         pouring = begin(experiment, work)
         if not _take_up(pouring, work, path, resume=resume, extend=extend, force=force):
             return False
@@ -80,6 +71,24 @@ def pour_to_file(
     return True
 
 
+def _refuse_what_is_in_the_way(path: Path, folder: Path, *, force: bool) -> None:
+    if in_store(path):
+        make_ready(path, folder)
+    elif path.is_dir():
+        raise ArchiveError(f"{str(path)!r} cannot be written: it is a folder")
+    refuse_existing([path], force=force)
+
+
+def _extending(asked: Experiment, path: Path, *, resume: bool) -> Experiment:
+    """The pour that extends the archive at `path`, or that which did so before, to `resume`."""
+    with opened(path) as archive:
+        there = experiment_of(archive)
+    if resume and asked.pour.duration == there.pour.duration:
+        refuse_another_setup(asked, there)
+        return there
+    return extended(asked, there)
+
+
 def _take_up(
     pouring: Pouring, work: Work, path: Path, *, resume: bool, extend: bool, force: bool
 ) -> bool:
@@ -89,15 +98,16 @@ def _take_up(
             f"{str(work.folder)!r} holds an unfinished pour; --resume goes on with it, "
             "--force begins anew"
         )
-    if resume and not extend and path.exists():
+    if resume and path.exists():
         other = _difference(pouring, path, force=force)
-        if other and not force:
+        if not other:
+            work.refuse_another(pouring.experiment)
+            work.clear()
+            return False
+        if not (extend or force):
             raise OutputExistsError(
                 f"{str(path)!r} is of another pour: {other}; --force replaces it"
             )
-        if not other and not work.is_begun:
-            work.clear()
-            return False
     if resume and work.is_begun:
         work.go_on(pouring, path)
         return True
@@ -116,8 +126,3 @@ def _difference(pouring: Pouring, path: Path, *, force: bool) -> str:
         if not force:
             raise
         return str(error)
-
-
-def _experiment_at(path: Path) -> Experiment:
-    with opened(path) as archive:
-        return experiment_of(archive)

@@ -136,9 +136,12 @@ class Work:
         if not (self.folder / LOCK).exists():
             raise ArchiveError(f"folder {str(self.folder)!r} is gone, and the work with it")
 
-    def pours(self, experiment: Experiment) -> bool:
-        """Whether the checkpoint is of that pour."""
-        return told_by(self.folder / CHECKPOINT, "experiment") == experiment.to_toml()
+    def refuse_another(self, experiment: Experiment) -> None:
+        """Raise :class:`OutputExistsError` where there is a checkpoint of another pour."""
+        if not self.is_begun:
+            return
+        if told_by(self.folder / CHECKPOINT, "experiment") != experiment.to_toml():
+            raise OutputExistsError(f"{str(self.folder)!r} holds another pour, unfinished")
 
     @property
     def is_begun(self) -> bool:
@@ -157,7 +160,10 @@ class Work:
         If the archive at `path` was being extended, that goes on too. Raises :class:`ArchiveError`
         where the work is damaged, or belongs to another pour, or to another archive.
         """
-        checkpoint = read_whole(self.folder / CHECKPOINT)
+        try:
+            checkpoint = read_whole(self.folder / CHECKPOINT)
+        except ArchiveError as error:
+            raise ArchiveError(f"{error}; --force without --resume begins anew") from None
         told, state = checkpoint.attrs, arrays_in(checkpoint)
         if other := difference(told, stamp(pouring.model, pouring.experiment)):
             raise ArchiveError(f"{str(self.folder)!r} holds another pour: {other}")
@@ -189,7 +195,10 @@ class Work:
             raise ArchiveError(f"{str(path)!r} cannot be extended: it holds no state of its end")
         recorded = record_steps(pouring.experiment.pour, pouring.dt)[: len(time)]
         if not np.array_equal(np.array(recorded) * pouring.dt, time):
-            raise ArchiveError(f"{str(path)!r} cannot be extended: it has records in between")
+            raise ArchiveError(
+                f"{str(path)!r} cannot be extended to {pouring.experiment.pour.duration:g} s: by "
+                "round-off its records would be of other steps; another duration may do"
+            )
         self.steps, self.records = recorded[-1], len(recorded)
         _restore(pouring, arrays_in(read_whole(path, STATE)), path)
         self.base = Base(path, digest, pouring.floor())
