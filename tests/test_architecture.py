@@ -37,6 +37,12 @@ def test_imports_run_one_way(package: str) -> None:
         assert imported_packages(file) <= allowed, file
 
 
+def test_a_set_up_and_an_archive_know_nothing_of_pours_under_way() -> None:
+    files = [*(ROOT / "experiment").glob("*.py"), *(ROOT / "experiment" / "archive").glob("*.py")]
+    for file in files:
+        assert "experiment.pouring" not in file.read_text(), file
+
+
 @pytest.mark.parametrize("package", sorted(PACKAGES))
 def test_every_public_name_is_there(package: str) -> None:
     module = __import__(package)
