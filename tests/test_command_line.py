@@ -2,11 +2,11 @@
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 import xarray as xr
+from running import stratify
 
 SHORT = [
     "--set=cell.length=20.0",
@@ -14,11 +14,6 @@ SHORT = [
     "--set=pour.records=40",
     "--set=continuum.cells=40",
 ]
-
-
-def stratify(*arguments: object, folder: Path) -> subprocess.CompletedProcess[str]:
-    command = [str(Path(sys.executable).parent / "stratify"), *map(str, arguments)]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
 
 @pytest.fixture(scope="module")

@@ -1,10 +1,9 @@
 """What an archive says of its making, and that it can be made again from that alone."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from running import stratify
 
 import ca_model
 import continuum
@@ -14,11 +13,6 @@ from experiment.archive.provenance import difference, stamp
 from experiment.archive.storage import content_of
 
 SMALL = ["cell.length=20.0", "pour.duration=50.0", "pour.records=10", "continuum.cells=30"]
-
-
-def stratify(*arguments: object, folder: Path) -> subprocess.CompletedProcess[str]:
-    command = [str(Path(sys.executable).parent / "stratify"), *map(str, arguments)]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
 
 def poured(folder: Path, *settings: str) -> Path:

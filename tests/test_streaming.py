@@ -4,12 +4,12 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from running import stopping_after
 
 import ca_model
 import continuum
@@ -58,12 +58,6 @@ def setup(name: str, longer: float = 1.0, records: int = 20) -> Experiment:
     return load(preset, [*SHORT, *told, *settings])
 
 
-def stopping_at(count: int) -> Callable[[], bool]:
-    """Whether this is asked for the time of that number."""
-    asked = iter(range(count))
-    return lambda: next(asked, None) is None
-
-
 @every_pour
 def test_a_streamed_archive_is_the_one_that_memory_would_hold(model, name, tmp_path: Path) -> None:
     experiment, path = setup(name), tmp_path / "run.nc"
@@ -83,7 +77,7 @@ def test_a_pour_stopped_anywhere_comes_to_the_same_archive(model, name, tmp_path
     stops = 0
     while not path.exists():
         try:
-            pour_to_file(MODELS[model].begin, experiment, path, resume=True, stop=stopping_at(1))
+            pour_to_file(MODELS[model].begin, experiment, path, resume=True, stop=stopping_after(1))
         except StoppedError:
             stops += 1
     assert stops >= 9
@@ -100,7 +94,7 @@ def test_an_extended_archive_is_that_of_the_longer_pour(model, name, tmp_path: P
     pour_to_file(MODELS[model].begin, setup(name, longer=1.5), path, extend=True)
     with pytest.raises(StoppedError):
         pour_to_file(
-            MODELS[model].begin, setup(name, longer=2.5), path, extend=True, stop=stopping_at(9)
+            MODELS[model].begin, setup(name, longer=2.5), path, extend=True, stop=stopping_after(9)
         )
     assert read(path).sizes["time"] == 31, "the archive stays until the longer one is whole"
     pour_to_file(MODELS[model].begin, setup(name, longer=2.5), path, extend=True, resume=True)
@@ -130,7 +124,7 @@ def test_an_extension_that_was_killed_once_it_was_in_place_is_whole(tmp_path: Pa
     path, longer = tmp_path / "run.nc", setup("a schedule", longer=2.0, records=40)
     pour_to_file(continuum.begin, setup("a schedule"), path)
     with pytest.raises(StoppedError):
-        pour_to_file(continuum.begin, longer, path, extend=True, stop=stopping_at(3))
+        pour_to_file(continuum.begin, longer, path, extend=True, stop=stopping_after(3))
     shutil.copytree(work_folder(path), tmp_path / "left behind")
     pour_to_file(continuum.begin, longer, path, extend=True, resume=True)
     whole = path.read_bytes()
@@ -149,7 +143,7 @@ def test_an_unfinished_extension_is_not_lost_for_asking_after_the_shorter_pour(t
             setup("a schedule", longer=2.0),
             path,
             extend=True,
-            stop=stopping_at(3),
+            stop=stopping_after(3),
         )
     for extend in (False, True):
         with pytest.raises(OutputExistsError, match="holds another pour, unfinished"):
@@ -288,6 +282,6 @@ print(*peak(1), *peak(4))
 def test_what_is_unfinished_says_so_by_its_name(tmp_path: Path) -> None:
     path = tmp_path / "run.nc"
     with pytest.raises(StoppedError, match="stopped after 32 of 640 steps"):
-        pour_to_file(continuum.begin, setup("a schedule"), path, stop=stopping_at(0))
+        pour_to_file(continuum.begin, setup("a schedule"), path, stop=stopping_after(0))
     assert work_folder(path) == tmp_path / "run.nc.unfinished"
     assert list(tmp_path.iterdir()) == [work_folder(path)]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 import zarr
+from running import stopping_after
 
 import ca_model
 import continuum
@@ -40,12 +41,6 @@ def content(archive: xr.Dataset) -> xr.Dataset:
     return archive.drop_attrs(deep=False).assign_attrs(
         {name: told for name, told in archive.attrs.items() if name != "history"}
     )
-
-
-def stopping_after(pauses: int):
-    """Something that says "stop" at the pause after so many."""
-    left = iter([False] * pauses)
-    return lambda: next(left, True)
 
 
 @pytest.fixture(autouse=True)
