@@ -10,7 +10,14 @@ import numpy as np
 from continuum.kernel import BARE, DONE
 from continuum.section import rest_of, slab_of
 from continuum.slopes import Slope, across
-from continuum.state import Flow, sealed_bins, with_more_bins, with_sealed_bins
+from continuum.state import (
+    Flow,
+    lowest_bins,
+    places_of,
+    sealed_bins,
+    with_more_bins,
+    with_sealed_bins,
+)
 from experiment.arrays import Floats, Ints
 from experiment.pouring.slabs import Slab, Slabs
 from experiment.pouring.state import State, arrays_of, put_back
@@ -69,7 +76,7 @@ class Body:
         for slope in self.slopes:
             flow = slope.flow
             counts = np.maximum(flow.sealed - flow.tape.shape[2] // 2, 0)
-            taken = [_lowest(flow, i, count) for i, count in enumerate(counts)]
+            taken = [_take_lowest(flow, i, count) for i, count in enumerate(counts)]
             shares += taken[:: slope.direction]
             flow.sealed[:] -= counts
             flow.buried[:] += counts
@@ -92,7 +99,8 @@ class Body:
             flow.buried[:] -= counts
             for i, count in enumerate(counts):
                 place = column + (i if slope.direction > 0 else len(slope.x) - 1 - i)
-                flow.tape[:, i, _places(flow, i, count)] = slab.share(place).T
+                places = places_of(flow, i, count, flow.tape.shape[2])
+                flow.tape[:, i, places] = slab.share(place).T
             column += len(slope.x)
 
     def state(self) -> State:
@@ -115,14 +123,8 @@ class Body:
             slope.flow = with_sealed_bins(slope.flow, bins, state[tape])
 
 
-def _places(flow: Flow, i: int, count: int) -> Ints:
-    """Where on its tape the lowest `count` bins of cell i are."""
-    return np.asarray((flow.buried[i] + np.arange(count)) % flow.tape.shape[2])
-
-
-def _lowest(flow: Flow, i: int, count: int) -> Floats:
+def _take_lowest(flow: Flow, i: int, count: int) -> Floats:
     """The lowest bins of cell i that are in memory, taken off its tape: (bin, species) [cm]."""
-    places = _places(flow, i, count)
-    taken = flow.tape[:, i, places].T
-    flow.tape[:, i, places] = 0.0
+    taken = lowest_bins(flow, i, count)
+    flow.tape[:, i, places_of(flow, i, count, flow.tape.shape[2])] = 0.0
     return taken

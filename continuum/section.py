@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from continuum.slopes import Slope, across
-from continuum.state import Flow
+from continuum.state import Flow, lowest_bins
 from experiment.arrays import Floats, Ints
 from experiment.pouring.slabs import Slab
 
@@ -65,8 +65,7 @@ def _columns(slope: Slope) -> list[Floats]:
     for i in range(len(slope.x)):
         sealed = int(flow.sealed[i])
         column = np.zeros((sealed + 1 + layer_bins, len(flow.rolling)))
-        places = (flow.buried[i] + np.arange(sealed)) % flow.tape.shape[2]
-        column[:sealed] = flow.tape[:, i, places].T
+        column[:sealed] = lowest_bins(flow, i, sealed)
         column[sealed] = flow.filling[:, i]
         rigid = flow.rigid[i] if flow.top[i] == 0 else 0.0
         _lay_on_top(column[sealed:], flow.surface[:, i], rigid, slope.grid.dz)

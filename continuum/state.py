@@ -8,7 +8,6 @@ body turns rigidly, a tape runs along the half ring of one radius: both its ends
 cells at x = r and x = -r.
 """
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +21,8 @@ __all__ = [
     "Flow",
     "Grid",
     "bare_flow",
+    "lowest_bins",
+    "places_of",
     "sealed_bins",
     "with_more_bins",
     "with_sealed_bins",
@@ -90,9 +91,16 @@ def with_more_bins(flow: Flow) -> Flow:
 
 def sealed_bins(flow: Flow) -> Floats:
     """What the sealed bins in memory hold, tape after tape in each from below, (bin, species)."""
-    bins = flow.tape.shape[2]
-    shares = [flow.tape[:, row, places % bins].T for row, places in _sealed_places(flow)]
-    return np.concatenate(shares)
+    cells = np.flatnonzero(flow.up > 0).tolist()
+    return np.concatenate([lowest_bins(flow, i, flow.sealed[flow.row[i]]) for i in cells])
+
+
+def lowest_bins(flow: Flow, i: int, count: int) -> Floats:
+    """What the lowest `count` of the sealed bins hold that end in cell i, (bin, species) [cm].
+
+    Of a drum's half ring, the cell at its downhill end.
+    """
+    return np.asarray(flow.tape[:, flow.row[i], places_of(flow, i, count, flow.tape.shape[2])].T)
 
 
 def with_sealed_bins(flow: Flow, bins: int, content: Floats) -> Flow:
@@ -101,16 +109,15 @@ def with_sealed_bins(flow: Flow, bins: int, content: Floats) -> Flow:
     That is as :func:`sealed_bins` tells. Raises ValueError where it is of another number of bins.
     """
     tape = np.zeros((*flow.tape.shape[:2], bins))
-    for row, places in _sealed_places(flow):
-        share, content = np.split(content, [len(places)])
-        tape[:, row, places % bins] = share.T
+    for i in np.flatnonzero(flow.up > 0).tolist():
+        share, content = np.split(content, [flow.sealed[flow.row[i]]])
+        tape[:, flow.row[i], places_of(flow, i, len(share), bins)] = share.T
     if len(content):
         raise ValueError(f"it holds {len(content)} bins too many")
     return flow._replace(tape=tape)
 
 
-def _sealed_places(flow: Flow) -> Iterator[tuple[int, Ints]]:
-    """Each tape's row and the places (bin,) of its sealed bins, before they are taken modulo."""
-    for cell in np.flatnonzero(flow.up > 0):
-        row = int(flow.row[cell])
-        yield row, np.arange(flow.top[cell] - flow.sealed[row], flow.top[cell])
+def places_of(flow: Flow, i: int, count: int, bins: int) -> Ints:
+    """Where the bins of :func:`lowest_bins` are on a tape of so many `bins`."""
+    lowest = flow.top[i] - flow.sealed[flow.row[i]]
+    return np.asarray((lowest + np.arange(count)) % bins)
