@@ -14,13 +14,13 @@ from pathlib import Path
 
 import ca_model
 import continuum
+from benchmarks.archives import PRESETS
 from benchmarks.clock import once, seconds
 from experiment import Experiment, NotApplicableError, load
 from experiment.pouring import Begin, Pouring, run_to_the_end
 from experiment.pouring.streaming import pour_to_file
 from experiment.pouring.work import Work, locked
 
-PRESETS = ("makse-stratification", "glass-sugar", "lattice-stratification", "drum-mixture")
 FINER = (400, 800)
 IMPORTS = "import compare.cli"
 

@@ -112,12 +112,12 @@ def take_steps(
     flow: Flow, cells: Cells, law: Law, grid: Grid, velocity: Floats, inflow: Floats
 ) -> tuple[int, int, int]:
     """:func:`advance`, with the same state by rows."""
-    most = 0
+    most, fastest = 0, _fastest(law)
     for step in range(inflow.shape[0]):
         thickest = _thickest(cells.slope, flow.rolling, inflow[step])
         if is_nearly_full(flow, thickest, grid.dz):
             return step, most, FULL
-        deepest = law.surface_depth * substeps_at(_fastest(law) * thickest, law, grid)
+        deepest = law.surface_depth * substeps_at(fastest * thickest, law, grid)
         if is_nearly_bare(flow, deepest, grid.dz):
             return step, most, BARE
         advect(flow, grid, velocity, inflow[step])

@@ -75,9 +75,10 @@ def pour(
     """
     experiment = load_setup(setup, settings)
     folder = folder or folder_of(setup)
-    again = None if settings else model_of(setup)
+    poured_by = model_of(setup)
+    again = None if settings else poured_by
     before = None if again is None else _content_and_source(Path(setup))
-    model = model or model_of(setup) or "both"
+    model = model or poured_by or "both"
     models = _applicable(experiment, list(BEGIN) if model == "both" else [model])
     paths = {name: archive_at(folder, name) for name in models}
     if not (resume or extend):

@@ -55,9 +55,8 @@ def write_whole(
     """Write any Dataset as netCDF-4 under a temporary name, then rename: whole or absent.
 
     `groups` are further Datasets, each put into the file's group of that name. What is not to stay
-    for long need not be squeezed. Raises
-    :class:`OutputExistsError` where `path` exists and `force` is not given, and
-    :class:`ArchiveError` where it cannot be written.
+    for long need not be squeezed. Raises :class:`OutputExistsError` where `path` exists and `force`
+    is not given, and :class:`ArchiveError` where it cannot be written.
     """
     if in_store(path):
         raise ArchiveError(f"{str(path)!r}: Datasets go to netCDF-4 files only; see pour_to_file")

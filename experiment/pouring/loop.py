@@ -18,7 +18,16 @@ from experiment.pouring.recorder import Recorder, edges_of_steps, record_steps
 from experiment.pouring.slabs import Deposit, Slabs
 from experiment.pouring.state import State
 
-__all__ = ["Begin", "InMemory", "Keeper", "Pouring", "pour_in_memory", "run_to_the_end"]
+__all__ = [
+    "Begin",
+    "InMemory",
+    "Keeper",
+    "Pouring",
+    "Progress",
+    "Sliced",
+    "pour_in_memory",
+    "run_to_the_end",
+]
 
 Progress = Callable[[float], object]
 
