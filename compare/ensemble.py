@@ -6,7 +6,7 @@ measured, over the draws that stratify. Which input it follows, Spearman's rank 
 from -1 to 1; of inputs that do not matter it scatters about 0 by 1 / sqrt(N - 1).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ __all__ = [
     "PREDICTED",
     "QUANTILES",
     "draws",
+    "latin_hypercube",
     "mean_and_error",
     "piles",
     "piles_mean",
@@ -71,14 +72,21 @@ def draws(
     if not experiment.uncertain:
         raise SetupError("uncertain: missing; it should name at least one field to draw")
     names = list(experiment.uncertain)
-    low, high = np.array(list(experiment.uncertain.values())).T
-    sample = qmc.LatinHypercube(
-        len(names), optimization="random-cd", rng=np.random.default_rng(seed)
-    ).random(count)
-    values = low + (high - low) * sample
+    values = latin_hypercube(experiment.uncertain, count, seed)
     drawn = [experiment.with_values(dict(zip(names, row, strict=True))) for row in values.tolist()]
     inputs = xr.DataArray(values, dims=("pour", "input"), coords={"input_name": ("input", names)})
     return drawn, inputs.set_xindex("input_name")
+
+
+def latin_hypercube(
+    uncertain: Mapping[str, tuple[float, float]], count: int, seed: int = 0
+) -> Floats:
+    """`count` draws (draw, input) from the ranges: one of them lies in each part of every range."""
+    low, high = np.array(list(uncertain.values())).T
+    random = np.random.default_rng(seed)
+    cube = qmc.LatinHypercube(len(uncertain), optimization="random-cd", rng=random)
+    values: Floats = low + (high - low) * cube.random(count)
+    return values
 
 
 def predict(found: xr.Dataset, inputs: xr.DataArray) -> xr.Dataset:

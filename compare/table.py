@@ -19,6 +19,7 @@ __all__ = [
     "convergence_table",
     "layers_record",
     "layers_table",
+    "plain",
     "table",
     "with_error",
 ]
@@ -107,7 +108,7 @@ def convergence_record(convergence: xr.Dataset) -> dict[str, object]:
     for name in (*convergence.coords, *convergence.data_vars):
         numbers = convergence[name].values.tolist()
         over_grids = isinstance(numbers, list)
-        record[str(name)] = [_plain(n) for n in numbers] if over_grids else _plain(numbers)
+        record[str(name)] = [plain(n) for n in numbers] if over_grids else plain(numbers)
     return record
 
 
@@ -130,7 +131,7 @@ def layers_table(found: xr.Dataset) -> Table:
 def layers_record(found: xr.Dataset) -> dict[str, object]:
     """A deposit's layers as plain numbers by name, for JSON; None where there is no number."""
     about: dict[str, object] = {name: found.attrs[name] for name in ("title", "comment")}
-    return about | {name: _plain(found[name].item()) for name in _single_numbers(found)}
+    return about | {name: plain(found[name].item()) for name in _single_numbers(found)}
 
 
 def with_error(value: float, error: float) -> str:
@@ -235,12 +236,13 @@ def _published(comparison: xr.Dataset, name: str) -> str:
 def _plain_of(values: xr.DataArray) -> object:
     """A number, or the numbers by the quantile or the input that they are of."""
     if not values.ndim:
-        return _plain(values.item())
+        return plain(values.item())
     labels = values["input_name" if "input" in values.dims else "quantile"].values
     return {
-        str(label): _plain(one) for label, one in zip(labels, values.values.tolist(), strict=True)
+        str(label): plain(one) for label, one in zip(labels, values.values.tolist(), strict=True)
     }
 
 
-def _plain(value: object) -> object:
+def plain(value: object) -> object:
+    """What JSON has for a number or a word: None for NaN."""
     return None if isinstance(value, float) and not math.isfinite(value) else value

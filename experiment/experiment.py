@@ -26,7 +26,7 @@ from experiment.fields import Number, Part, Positive
 from experiment.mixture import Mixture
 from experiment.schedule import Table
 
-__all__ = ["Experiment", "Pour", "Published", "parse_toml", "put", "set_values"]
+__all__ = ["Experiment", "Pour", "Published", "parse_toml", "put", "set_values", "value_of"]
 
 
 class Pour(Part):
@@ -204,7 +204,7 @@ def set_values(tables: Mapping[str, Any], settings: Sequence[str]) -> dict[str, 
         key, equals, text = setting.partition("=")
         if not equals or not all(key.strip().split(".")):
             raise SetupError(f"--set {setting!r}: it should be KEY=VALUE, as in mixture.delta=0.1")
-        changed = put(changed, key.strip(), _value(text))
+        changed = put(changed, key.strip(), value_of(text))
     return changed
 
 
@@ -239,7 +239,8 @@ def _item(place: Any, step: str, key: str) -> Any:
     return place[int(step)]
 
 
-def _value(text: str) -> Any:
+def value_of(text: str) -> Any:
+    """The value that a TOML text says; what is not TOML is a word."""
     try:
         parsed = tomllib.loads(f"value = {text}")
     except (ValueError, RecursionError):

@@ -2,9 +2,15 @@
 
 import multiprocessing
 import os
+import pickle
 import signal
+import subprocess
+import sys
 import time
+from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
+from contextlib import closing
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -12,7 +18,9 @@ import pytest
 import xarray as xr
 
 from compare import campaign, measure
-from compare.campaign import POUR, with_chance
+from compare.campaign import POUR, Job, Outcome, Pour, with_chance
+from compare.campaign.jobs import do
+from compare.campaign.processes import in_processes
 from experiment import Experiment, StratifyError, load
 
 
@@ -72,12 +80,66 @@ def test_a_model_that_stumbles_is_told_with_its_error(pours, monkeypatch) -> Non
     assert found["failure"].values.tolist() == [["ZeroDivisionError: too thin"], [""]]
 
 
-def test_a_worker_that_is_ended_from_outside_ends_the_campaign_in_one_line(pours) -> None:
-    def end_a_worker(_: float) -> None:
-        multiprocessing.active_children()[0].kill()
+def test_what_a_worker_had_when_it_was_ended_from_outside_is_poured_again(pours, in_turn) -> None:
+    killed: list[int] = []
 
-    with pytest.raises(StratifyError, match="ended from outside"):
-        campaign(pours[:3] * 4, ["ca_model"], workers=2, progress=end_a_worker)
+    def end_a_worker_once(_: float) -> None:
+        for child in multiprocessing.active_children()[:1]:
+            if not killed:
+                child.kill()
+                killed.append(child.pid)
+
+    found = campaign(pours, workers=2, progress=end_a_worker_once)
+    assert killed
+    xr.testing.assert_identical(found, in_turn)
+
+
+def end_the_process() -> Outcome:
+    os._exit(1)
+
+
+def succeed() -> Outcome:
+    return Outcome({"found": 1.0}, {"found": {}})
+
+
+def test_a_job_that_ends_its_process_is_told_and_the_others_are_done() -> None:
+    jobs = [succeed, succeed, end_the_process, succeed]
+    found = dict(in_processes(jobs, workers=2))
+    assert sorted(found) == [0, 1, 2, 3]
+    assert "ended from outside, twice" in found.pop(2).failure
+    assert all(outcome == succeed() for outcome in found.values())
+
+
+def test_jobs_are_asked_for_only_a_little_ahead_of_what_is_done() -> None:
+    asked: list[int] = []
+
+    def endless() -> Iterator[Job]:
+        for number in count():
+            asked.append(number)
+            yield succeed
+
+    with closing(in_processes(endless(), workers=2)) as outcomes:
+        done = [next(outcomes) for _ in range(20)]
+    assert len(asked) - len(done) < 20
+
+
+def test_a_worker_compiles_nothing_that_was_compiled_before(pours) -> None:
+    """A fresh process takes the kernels of both models and of the measurements from disk."""
+    script = (
+        "import sys, pickle\n"
+        "from numba.core import event\n"
+        "jobs = pickle.load(sys.stdin.buffer)\n"
+        "with event.install_recorder('numba:compile') as compiled:\n"
+        "    outcomes = [job() for job in jobs]\n"
+        "assert all(not outcome.failure for outcome in outcomes)\n"
+        "print(len(compiled.buffer))"
+    )
+    jobs = [Pour(model, pours[0]) for model in POUR]
+    assert all(not do(job).failure for job in jobs)
+    told = subprocess.run(
+        [sys.executable, "-c", script], input=pickle.dumps(jobs), capture_output=True, check=True
+    )
+    assert told.stdout == b"0\n"
 
 
 def test_an_interrupt_while_workers_start_is_heard_and_no_worker_says_a_word(

@@ -14,6 +14,7 @@ VERBS = [  # each a command in the module of its name
     "compare",
     "converge",
     "measure",
+    "phase",
     "pour",
     "presets",
     "show",

@@ -6,13 +6,14 @@ import xarray as xr
 
 import ca_model
 import continuum
-from compare.campaign import POUR
-from experiment import ArchiveError, Experiment, load
+from compare.campaign import CHECK, POUR
+from compare.cli.terminal import say
+from experiment import ArchiveError, Experiment, NotApplicableError, load
 from experiment.archive import read
 from experiment.archive.places import archive_at, is_archive
 from experiment.archive.storage import told_by
 
-__all__ = ["archives_of", "folder_of", "load_setup", "model_of"]
+__all__ = ["applicable", "archives_of", "folder_of", "load_setup", "model_of"]
 
 
 def load_setup(setup: str, settings: tuple[str, ...]) -> Experiment:
@@ -41,3 +42,18 @@ def archives_of(folder: Path) -> list[xr.Dataset]:
     if not there:
         raise ArchiveError(f"{str(folder)!r} holds no archive; allowed: a folder that `pour` wrote")
     return [read(path) for path in there]
+
+
+def applicable(experiment: Experiment, models: list[str]) -> list[str]:
+    """Which of the models can pour; the others say why, and if none can, that is an error."""
+    able: list[str] = []
+    for name in models:
+        try:
+            CHECK[name](experiment)
+        except NotApplicableError as refusal:
+            if not able and name == models[-1]:
+                raise
+            say(f"{name}: does not apply: {refusal}")
+        else:
+            able.append(name)
+    return able

@@ -1,6 +1,5 @@
 """`stratify pour`: pour a set-up, by one model or both."""
 
-import shlex
 import sys
 from collections.abc import Callable
 from functools import partial
@@ -8,12 +7,12 @@ from pathlib import Path
 
 import click
 
-from compare.campaign import BEGIN, CHECK
-from compare.cli.inputs import folder_of, load_setup, model_of
+from compare.campaign import BEGIN
+from compare.cli.inputs import applicable, folder_of, load_setup, model_of
 from compare.cli.options import force_option, path_type, set_option
-from compare.cli.stopping import Stop
+from compare.cli.stopping import Stop, tell_how_to_go_on
 from compare.cli.terminal import open_bars, progress_on, say
-from experiment import Experiment, NotApplicableError, StoppedError
+from experiment import Experiment, StoppedError
 from experiment.archive.files import refuse_existing
 from experiment.archive.places import archive_at
 from experiment.archive.storage import content_of, told_by
@@ -79,7 +78,7 @@ def pour(
     again = None if settings else poured_by
     before = None if again is None else _content_and_source(Path(setup))
     model = model or poured_by or "both"
-    models = _applicable(experiment, list(BEGIN) if model == "both" else [model])
+    models = applicable(experiment, list(BEGIN) if model == "both" else [model])
     paths = {name: archive_at(folder, name) for name in models}
     if not (resume or extend):
         refuse_existing(paths.values(), force=force)
@@ -100,15 +99,8 @@ def _pour_one(
         with open_bars() as bars, progress_on(name, bars) as progress:
             return how(BEGIN[name], experiment, path, progress=progress, stop=stop)
     except (StoppedError, KeyboardInterrupt) as stopped:
-        told = str(stopped) or "stopped at once"
-        click.echo(f"stratify: {name}: {told}; go on with: {_to_go_on()}", err=True)
+        tell_how_to_go_on(f"{name}: {stopped or 'stopped at once'}")
         sys.exit(128 + stop.signal)
-
-
-def _to_go_on() -> str:
-    """The command line once more, with --resume."""
-    resumed = [] if "--resume" in sys.argv else ["--resume"]
-    return shlex.join(["stratify", *sys.argv[1:], *resumed])
 
 
 def _content_and_source(archive: Path) -> tuple[str, str]:
@@ -121,18 +113,3 @@ def _verdict(archive: str, before: tuple[str, str], again: Path) -> str:
     if content_of(again) == content:
         return f"it holds what {archive} holds, bit for bit"
     return f"it differs from {archive}, which is by {source}"
-
-
-def _applicable(experiment: Experiment, models: list[str]) -> list[str]:
-    """Which of the models can pour; the others say why, and if none can, that is an error."""
-    able: list[str] = []
-    for name in models:
-        try:
-            CHECK[name](experiment)
-        except NotApplicableError as refusal:
-            if not able and name == models[-1]:
-                raise
-            say(f"{name}: does not apply: {refusal}")
-        else:
-            able.append(name)
-    return able

@@ -1,10 +1,16 @@
 """What a user's or a system's wish to stop does to a command that can go on later."""
 
+import shlex
 import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType
-from typing import Self
+from typing import NoReturn, Self
 
-__all__ = ["Stop"]
+import click
+
+__all__ = ["Stop", "tell_how_to_go_on", "told_how_to_go_on"]
 
 HEEDED = (signal.SIGINT, signal.SIGTERM)
 
@@ -38,3 +44,29 @@ class Stop:
     def _hear(self, number: int, _frame: FrameType | None) -> None:
         self.signal = number
         self.__exit__()
+
+
+@contextmanager
+def told_how_to_go_on(name: str) -> Iterator[None]:
+    """End the process where what is within is stopped, at whatever moment, and say how to go on."""
+    heard = [signal.SIGINT]
+
+    def interrupt(number: int, _frame: FrameType | None) -> NoReturn:
+        heard[:] = [signal.Signals(number)]
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    except KeyboardInterrupt:
+        tell_how_to_go_on(f"{name}: stopped; what is done is kept")
+        sys.exit(128 + heard[0])
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def tell_how_to_go_on(stopped: str) -> None:
+    """Say that a command was stopped, and the command line once more, with --resume."""
+    resumed = [] if "--resume" in sys.argv else ["--resume"]
+    line = shlex.join(["stratify", *sys.argv[1:], *resumed])
+    click.echo(f"stratify: {stopped}; go on with: {line}", err=True)

@@ -6,9 +6,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import MofNCompleteColumn, Progress, TimeElapsedColumn, TimeRemainingColumn
 
-__all__ = ["open_bars", "open_console", "progress_on", "say"]
+__all__ = ["counting", "open_bars", "open_console", "progress_on", "say"]
+
+
+EVERY = 10.0  # s, lines of progress where there is no terminal
 
 
 def open_console(*, stderr: bool = False) -> Console:
@@ -38,3 +41,34 @@ def progress_on(name: str, bars: Progress) -> Iterator[Callable[[float], object]
     yield lambda share: bars.update(task, completed=share)
     if bars.tasks[task].completed:
         say(f"{name}: poured in {time.perf_counter() - started:.1f} s", bars.console)
+
+
+@contextmanager
+def counting(name: str, total: int, console: Console) -> Iterator[Callable[[float], object]]:
+    """A bar, or lines where there is no terminal, with an estimate of what remains of the jobs."""
+    columns = (*Progress.get_default_columns()[:2], MofNCompleteColumn())
+    times = (TimeElapsedColumn(), TimeRemainingColumn())
+    silent = not console.is_terminal
+    started = last = time.perf_counter()
+    with Progress(*columns, *times, console=console, transient=True, disable=silent) as bars:
+        task = bars.add_task(name, total=total)
+        begun: float | None = None
+
+        def tell(share: float) -> None:
+            nonlocal last, begun
+            bars.update(task, completed=round(share * total))
+            now = time.perf_counter()
+            begun = share if begun is None else begun
+            if silent and now - last > EVERY and share > begun:
+                left = (1 - share) / (share - begun) * (now - started)
+                say(f"{name}: {share * total:.0f} of {total}, {_time(left)} left", console)
+                last = now
+
+        yield tell
+    say(f"{name}: {total} jobs done in {_time(time.perf_counter() - started)}", console)
+
+
+def _time(seconds: float) -> str:
+    if seconds < 100:
+        return f"{seconds:.1f} s"
+    return f"{seconds / 60:.1f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

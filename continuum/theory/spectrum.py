@@ -35,7 +35,14 @@ from experiment import Experiment, NotApplicableError
 from experiment.arrays import Floats, Ints
 from experiment.experiment import set_values
 
-__all__ = ["Spectrum", "critical_delta", "growth_rates", "leading_growth_rate", "spectrum_of"]
+__all__ = [
+    "Spectrum",
+    "critical_delta",
+    "critical_value",
+    "growth_rates",
+    "leading_growth_rate",
+    "spectrum_of",
+]
 
 Complexes = NDArray[np.complex128]
 
@@ -71,18 +78,29 @@ def critical_delta(experiment: Experiment, bracket: tuple[float, float] = (-0.25
 
     Raises :class:`NotApplicableError` where growth does not change its sign within `bracket`.
     """
+    return critical_value(experiment, "mixture.delta", bracket, accuracy=1e-4)
+
+
+def critical_value(
+    experiment: Experiment, key: str, bracket: tuple[float, float], accuracy: float | None = None
+) -> float:
+    """The value of the field `key` at which the leading disturbance starts, or ceases, to grow.
+
+    To an `accuracy`, by default a thousandth of the `bracket`. Raises
+    :class:`NotApplicableError` where growth does not change its sign within that.
+    """
 
     @cache
-    def growth(delta: float) -> float:
-        return leading_growth_rate(changed(experiment, f"mixture.delta={delta:.17g}")).real
+    def growth(value: float) -> float:
+        return leading_growth_rate(experiment.with_values({key: value})).real
 
-    low, high = (growth(delta) for delta in bracket)
+    low, high = (growth(value) for value in bracket)
     if low * high > 0:
         raise NotApplicableError(
-            f"mixture.delta: disturbances grow at {low:.2g} to {high:.2g} /s from "
+            f"{key}: disturbances grow at {low:.2g} to {high:.2g} /s from "
             f"{bracket[0]:g} to {bracket[1]:g}; the growth rate should change its sign"
         )
-    return float(brentq(growth, *bracket, xtol=1e-4))
+    return float(brentq(growth, *bracket, xtol=accuracy or 1e-3 * (bracket[1] - bracket[0])))
 
 
 def spectrum_of(experiment: Experiment, count: int = 6) -> Spectrum:

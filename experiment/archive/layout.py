@@ -23,6 +23,7 @@ from experiment.experiment import Experiment
 
 __all__ = [
     "CONVENTIONS",
+    "REFERENCES",
     "assemble",
     "check",
     "experiment_of",

@@ -6,19 +6,24 @@ from typing import Any
 
 from experiment.experiment import Experiment
 
-__all__ = ["difference", "difference_of_setups", "stamp"]
+__all__ = ["difference", "difference_of_setups", "made_by", "stamp"]
 
 MADE_WITH = ("numpy", "numba")  # whose versions may change a last digit
 
 
 def stamp(model: str, experiment: Experiment) -> dict[str, str]:
     """The attributes of an archive that say what was poured by which model and version."""
-    tools = ", ".join(f"{tool} {version(tool)}" for tool in MADE_WITH)
     return {
-        "source": f"{model} of stratify {version('stratify')} with {tools}",
+        "source": f"{model} of {made_by()}",
         "model": model,
         "experiment": experiment.to_toml(),
     }
+
+
+def made_by() -> str:
+    """The version of `stratify`, and of what may change the last digits of its numbers."""
+    tools = ", ".join(f"{tool} {version(tool)}" for tool in MADE_WITH)
+    return f"stratify {version('stratify')} with {tools}"
 
 
 def difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str:

@@ -1,0 +1,93 @@
+"""One pour of many: what is poured, and what comes of it."""
+
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import xarray as xr
+
+import ca_model
+import continuum
+from compare.deposit.picture import picture_of
+from compare.measurement import measure
+from compare.quantities import collision_rate, named, total_inflow, velocity
+from experiment import Experiment, StratifyError
+from experiment.arrays import Floats
+from experiment.pouring import Begin
+
+__all__ = ["BEGIN", "CHECK", "POUR", "Job", "Outcome", "Pour", "do", "with_chance"]
+
+POUR: dict[str, Callable[..., xr.Dataset]] = {
+    "ca_model": ca_model.pour,
+    "continuum": continuum.pour,
+}
+BEGIN: dict[str, Begin] = {"ca_model": ca_model.begin, "continuum": continuum.begin}
+CHECK = {"ca_model": ca_model.check, "continuum": continuum.check}
+
+Attributes = Mapping[str, Mapping[str, str]]
+
+
+class Outcome(NamedTuple):
+    """What came of a job: its numbers and words by name, or why there are none."""
+
+    measured: dict[str, float | str]
+    attributes: Attributes  # of what was measured
+    failure: str = ""
+    picture: Floats | None = None  # (row, column) of the deposit, where it was asked for
+
+
+@dataclass(frozen=True)
+class Pour:
+    """A set-up to be poured by a model and measured, some fields of it at other values."""
+
+    model: str
+    experiment: Experiment
+    values: Mapping[str, object] = field(default_factory=dict)
+    picture: bool = False
+
+    def __call__(self) -> Outcome:
+        """Pour and measure."""
+        experiment = self.experiment.with_values(self.values) if self.values else self.experiment
+        archive = POUR[self.model](experiment)
+        found: dict[Hashable, xr.Variable] = dict(measure(archive).variables) | _scales(archive)
+        return Outcome(
+            {str(name): told.values.item() for name, told in found.items()},
+            {str(name): told.attrs for name, told in found.items()},
+            picture=picture_of(archive) if self.picture else None,
+        )
+
+
+Job = Callable[[], Outcome]
+
+
+def do(job: Job) -> Outcome:
+    """What comes of `job`; an error in one of many is told as its outcome, and the others go on."""
+    try:
+        return job()
+    except StratifyError as error:
+        return failed(str(error))
+    except Exception as error:
+        return failed(f"{type(error).__name__}: {error}")
+
+
+def failed(reason: str) -> Outcome:
+    """The outcome of a job that has none, and why."""
+    return Outcome({}, {}, " ".join(reason.split()))
+
+
+def with_chance(experiment: Experiment, model: str) -> bool:
+    """Whether pours that differ in `pour.pile` only are different in `model`."""
+    if model != "ca_model":
+        return False
+    settings = ca_model.Settings.parse(experiment.ca_model, "ca_model")
+    toppling_at_random = settings.rule == "toppling" and settings.threshold_spread > 0
+    return toppling_at_random or settings.arrivals != "fixed"
+
+
+def _scales(archive: xr.Dataset) -> dict[str, xr.Variable]:
+    r0, v, gamma = total_inflow(archive), velocity(archive), collision_rate(archive)
+    return {
+        "total_inflow": xr.Variable((), r0, named("thickness R0 of what is poured", "cm")),
+        "drift_velocity": xr.Variable((), v, named("velocity v of what is poured", "cm s-1")),
+        "collision_rate": xr.Variable((), gamma, named("rate gamma of what is poured", "s-1")),
+    }

@@ -1,0 +1,65 @@
+"""Where theory expects layers to begin: delta = 0, and the onset of growth in the spectrum.
+
+delta = theta_22 - theta_11 > 0     the paper's condition, of each pair of species
+Re sigma = 0                        disturbances of the steady pile begin to grow
+                                    (:mod:`continuum.theory.spectrum`)
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from compare.campaign import Outcome
+from compare.quantities import named
+from continuum.theory.spectrum import critical_value
+from experiment import Experiment, SetupError
+from experiment.archive import experiment_of
+from experiment.arrays import Floats
+
+__all__ = ["ONSET", "Onset", "pure_slopes"]
+
+ONSET = "spectrum_onset"
+
+
+@dataclass(frozen=True)
+class Onset:
+    """The value of a field from which on disturbances of the steady pile grow, a job to be done."""
+
+    experiment: Experiment
+    key: str
+    bracket: tuple[float, float]
+    values: Mapping[str, object]  # of the other fields
+
+    def __call__(self) -> Outcome:
+        """Find it. Raises :class:`NotApplicableError` where it does not lie in the bracket."""
+        at = self.experiment.with_values(self.values)
+        meaning = f"{self.key} from which on disturbances of the steady pile grow"
+        return Outcome(
+            {ONSET: critical_value(at, self.key, self.bracket)}, {ONSET: named(meaning, "")}
+        )
+
+
+def pure_slopes(diagram: xr.Dataset) -> Floats:
+    """The repose slopes theta_aa (point, species) at each point, the last axis fastest.
+
+    NaN where there is no set-up.
+    """
+    experiment = experiment_of(diagram)
+    fields = [name for name, there in diagram.coords.items() if "field" in there.attrs]
+    varied = xr.broadcast(*(diagram[name] for name in fields))
+    dims = [dim for dim in diagram["regime"].dims if dim != "model"]
+    columns = [one.transpose(*dims).values.ravel().tolist() for one in varied]
+    keys = [diagram[name].attrs["field"] for name in fields]
+    found = []
+    for point in zip(*columns, strict=True):
+        values = [json.loads(value) if isinstance(value, str) else value for value in point]
+        try:
+            mixture = experiment.with_values(dict(zip(keys, values, strict=True))).mixture
+        except SetupError:
+            found.append(np.full(experiment.mixture.species, np.nan))
+        else:
+            found.append(np.diagonal(mixture.repose_slope))
+    return np.array(found)
