@@ -12,6 +12,7 @@ from compare.ensemble import draws, piles, piles_mean, predict
 from compare.figure import draw
 from compare.kymograph import cycle_period, fronts, kinks
 from compare.measurement import compare, measure
+from compare.phase import phase
 from compare.regimes import regime
 from compare.scaling import fit_wavelength, over_inflow
 from compare.scaling_figure import draw_scaling
@@ -32,6 +33,7 @@ __all__ = [
     "layers_of",
     "measure",
     "over_inflow",
+    "phase",
     "piles",
     "piles_mean",
     "predict",
