@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from compare.ensemble import draws
-from experiment import Experiment, Feed, Mixture, SetupError, load
+from experiment import Experiment, Feed, Mixture, SetupError, Table, load
 from experiment.slopes import stepped_slopes
 
 GRAINS = {"names": ["small", "large"], "grain_diameter": [0.1, 0.2], "drift_velocity": 1.0}
@@ -291,6 +291,12 @@ def test_the_slope_that_was_set_is_blamed_and_no_other() -> None:
         slopes(GRAINS | matrix | {"theta_22": 0.1})
     with pytest.raises(SetupError, match=r"^mixture.delta = -0.9: it makes .* slope of -0.2,"):
         slopes(GRAINS | matrix | {"delta": -0.9})
+
+
+def test_a_table_refuses_a_total_in_python_as_in_toml() -> None:
+    table = Table(time=(0.0, 1.0), inflow=((1.0,), (2.0,)))
+    with pytest.raises(SetupError, match=r"^total_inflow = 1: it should be left out, for schedule"):
+        Feed.parse({"schedule": table, "total_inflow": 1.0})
 
 
 def test_slopes_that_are_not_all_given_are_missed_by_name() -> None:
