@@ -57,15 +57,17 @@ def slope_names(fields: Mapping[str, Any]) -> list[str]:
 def resolve_slopes(fields: dict[str, Any]) -> None:
     """Turn what stands for slopes among a mixture's `fields` into their `repose_slope`.
 
-    Raises ValueError with one line where that cannot be. A matrix that is none is left for the
-    mixture to refuse.
+    Raises ValueError with one line where that cannot be. Species without names and a matrix that
+    is none are left for the mixture to refuse.
     """
     n = _species(fields)
     allowed = slope_names(fields)
-    for name, value in fields.items():
-        if STANDS_FOR_SLOPES.fullmatch(str(name)) and name not in allowed:
+    for name in [name for name in fields if STANDS_FOR_SLOPES.fullmatch(str(name))]:
+        if not allowed or not isinstance(fields.get("names"), (list, tuple)):
+            del fields[name]
+        elif name not in allowed:
             raise ValueError(
-                f"{name} = {value!r}: not for {n} species; allowed: {', '.join(allowed)}"
+                f"{name} = {fields[name]!r}: not for {n} species; allowed: {', '.join(allowed)}"
             )
     if "repose_angle" in fields:
         _resolve_angles(fields, n)

@@ -300,6 +300,10 @@ def test_a_table_refuses_a_total_in_python_as_in_toml() -> None:
 
 
 def test_slopes_that_are_not_all_given_are_missed_by_name() -> None:
+    with pytest.raises(SetupError, match=r"^mixture.names = \[\]: it should not be empty"):
+        load("ternary", ["mixture.names=[]", "mixture.theta_33=1.0"])
+    with pytest.raises(SetupError, match=r"^mixture.names: missing"):
+        slopes({"theta_11": 1.0, "theta_22": 1.0, "theta_33": 1.0, "psi": 0.1})
     with pytest.raises(SetupError, match=r"^mixture.theta_22: missing; theta_11, theta_22, theta"):
         slopes(grains(3) | {"theta_11": 1.0, "theta_33": 1.0, "psi": 0.1})
     with pytest.raises(SetupError, match=r"^mixture.psi: missing; theta_11, theta_22, theta_33 a"):
