@@ -12,9 +12,10 @@ from experiment.errors import (
 )
 from experiment.experiment import Experiment, Pour, Published
 from experiment.feed import Feed
-from experiment.mixture import Mixture, two_species_slopes
+from experiment.mixture import Mixture
 from experiment.presets import load, preset_names, preset_text
 from experiment.schedule import Constant, Pulses, Sine, Table
+from experiment.slopes import two_species_slopes
 from experiment.source import Source
 
 __all__ = [

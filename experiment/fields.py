@@ -6,6 +6,7 @@ that names the field, its value and what is allowed.
 
 import math
 import re
+from collections.abc import Mapping
 from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -25,6 +26,7 @@ __all__ = [
     "RateMatrix",
     "Slope",
     "SlopeMatrix",
+    "number_between",
 ]
 
 STEEPEST = 100.0
@@ -48,6 +50,13 @@ RateMatrix = tuple[tuple[NonNegative, ...], ...]
 Matrix = tuple[tuple[float, ...], ...]
 
 
+def number_between(name: str, value: object, low: float, high: float) -> float:
+    """`value`, where it is a number from `low` to `high`; else raises ValueError about `name`."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
+        raise ValueError(f"{name} = {value!r}: it should be a number from {low:g} to {high:g}")
+    return value
+
+
 class Part(BaseModel):
     """A frozen piece of a set-up; unknown fields and out-of-range values are refused."""
 
@@ -58,15 +67,16 @@ class Part(BaseModel):
     def _refuse_unknown_fields(cls, given: Any) -> Any:
         if not isinstance(given, dict):
             return given
-        unknown = [name for name in given if name not in cls.known_fields()]
+        known = cls.known_fields(given)
+        unknown = [name for name in given if name not in known]
         if unknown:
-            allowed = ", ".join(sorted(cls.known_fields()))
+            allowed = ", ".join(sorted(known))
             raise ValueError(f"no field {unknown[0]!r}; allowed: {allowed}")
         return given
 
     @classmethod
-    def known_fields(cls) -> set[str]:
-        """Names that may be given; a part with shorthands adds them."""
+    def known_fields(cls, given: Mapping[str, Any]) -> set[str]:  # noqa: ARG003
+        """Names that may be `given`; a part with shorthands adds them."""
         return set(cls.model_fields)
 
     @classmethod

@@ -1,43 +1,29 @@
 """The grains: sizes, repose slopes, collision rates and drift velocities of N species.
 
 Matrices read [rolling species, surface species]. The repose slope of rolling species a on a
-surface of composition phi is theta_a(phi) = sum_b theta_ab phi_b. For two species the paper's
-parameters are
-
-    psi   = theta_11 - theta_21            m1 = theta_12 - theta_11
-    delta = theta_22 - theta_11            m2 = theta_22 - theta_21 = delta + psi
-
-so (theta_11, psi, delta, m1) says the same as the matrix; the paper's m is m1 = m2.
+surface of composition phi is theta_a(phi) = sum_b theta_ab phi_b; `experiment/slopes.py` says what
+may be given in its place.
 """
 
 import math
+from collections.abc import Mapping
 from typing import Any, Self
 
 from pydantic import Field, model_validator
 
 from experiment.fields import (
+    LARGEST,
     SMALLEST,
-    STEEPEST,
-    Matrix,
     NonNegative,
     Part,
     Positive,
     RateMatrix,
     SlopeMatrix,
+    number_between,
 )
+from experiment.slopes import resolve_slopes, slope_names, two_species_slopes
 
-__all__ = ["Mixture", "two_species_slopes"]
-
-TWO_SPECIES = ("theta_11", "psi", "delta", "m1")
-SHORTHANDS = {*TWO_SPECIES, "repose_angle"}
-
-
-def two_species_slopes(
-    theta_11: float, psi: float, delta: float, m1: float | None = None
-) -> Matrix:
-    """Repose slopes from the paper's parameters; m1 = m2 = delta + psi by default."""
-    m1 = delta + psi if m1 is None else m1
-    return (theta_11, theta_11 + m1), (theta_11 - psi, theta_11 + delta)
+__all__ = ["Mixture"]
 
 
 def _mean_diameter(part: dict[str, Any]) -> float:
@@ -49,8 +35,9 @@ class Mixture(Part):
     """N species of grains, smallest first by custom, and the law of their surface flow.
 
     Besides `repose_slope`, the slopes may be given as `repose_angle` in degrees (a matrix, or the
-    two pure species' angles together with `psi`) or, for two species, as `theta_11`, `psi`,
-    `delta` and `m1`, which also change single parameters of a matrix that is given.
+    pure species' angles together with `psi`) or as `theta_11`, `theta_22`, ... and `psi`; for two
+    species, `delta` may stand for `theta_22`, and `m1` beside it. These also change single
+    parameters of a matrix that is given. `cross_rate` sets every collision rate of unlike grains.
     """
 
     names: tuple[str, ...] = Field(min_length=1)
@@ -84,9 +71,10 @@ class Mixture(Part):
         return cls.parse({"repose_angle": repose_angle, **others}, "mixture")
 
     @classmethod
-    def known_fields(cls) -> set[str]:
-        """The fields and their shorthands."""
-        return super().known_fields() | SHORTHANDS
+    def known_fields(cls, given: Mapping[str, Any]) -> set[str]:
+        """The fields and their shorthands, for as many species as are named."""
+        shorthands = {"repose_angle", "cross_rate", *slope_names(given)}
+        return super().known_fields(given) | shorthands
 
     @property
     def species(self) -> int:
@@ -114,10 +102,9 @@ class Mixture(Part):
         if not isinstance(given, dict):
             return given
         fields = dict(given)
-        if "repose_angle" in fields:
-            _resolve_angles(fields)
-        if any(name in fields for name in TWO_SPECIES):
-            _resolve_two_species(fields)
+        resolve_slopes(fields)
+        if "cross_rate" in fields:
+            _resolve_cross_rate(fields)
         velocity = fields.get("drift_velocity")
         if isinstance(velocity, (int, float)) and isinstance(fields.get("names"), (list, tuple)):
             fields["drift_velocity"] = [velocity] * len(fields["names"])
@@ -152,61 +139,15 @@ class Mixture(Part):
         return self
 
 
-def _resolve_angles(fields: dict[str, Any]) -> None:
-    angles = fields.pop("repose_angle")
-    if "repose_slope" in fields:
-        raise ValueError("repose_slope and repose_angle are both given; one is allowed")
-    try:
-        rows = [[_tangent(angle) for angle in row] for row in angles]
-    except TypeError:
-        if not isinstance(angles, (list, tuple)) or len(angles) != 2 or "psi" not in fields:
-            raise ValueError(
-                f"repose_angle = {angles!r}: it should be a matrix in degrees, "
-                "or two pure species' angles with psi beside them"
-            ) from None
-        theta_11, theta_22 = (_tangent(angle) for angle in angles)
-        fields.setdefault("theta_11", theta_11)
-        fields.setdefault("delta", theta_22 - theta_11)
-    else:
-        fields["repose_slope"] = rows
-
-
-def _tangent(angle: Any) -> float:
-    if isinstance(angle, bool) or not isinstance(angle, (int, float)) or not 0 <= angle < 89.4:
-        raise ValueError(f"repose_angle = {angle!r}: it should be a number from 0 to below 89.4")
-    return math.tan(math.radians(angle))
-
-
-def _resolve_two_species(fields: dict[str, Any]) -> None:
-    wanted = {name: fields.pop(name) for name in TWO_SPECIES if name in fields}
-    for name, value in wanted.items():
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            raise ValueError(f"{name} = {value!r}: it should be a number")
-        if not abs(value) <= STEEPEST:
-            raise ValueError(f"{name} = {value!r}: it should be from {-STEEPEST:g} to {STEEPEST:g}")
-    if "repose_slope" in fields:
-        wanted = _parameters(fields["repose_slope"], wanted) | wanted
-    missing = [name for name in TWO_SPECIES[:3] if name not in wanted]
-    if missing:
-        raise ValueError(f"{missing[0]}: missing; theta_11, psi and delta go together")
-    slopes = two_species_slopes(**wanted)
-    made_by = (("theta_11", "m1"), ("psi", "delta"))
-    for row, names in zip(slopes, made_by, strict=True):
-        for slope, name in zip(row, names, strict=True):
-            if name in wanted and not 0 <= slope <= STEEPEST:
-                raise ValueError(
-                    f"{name} = {wanted[name]:g}: it makes a repose slope of {slope:g}, "
-                    f"which should be from 0 to {STEEPEST:g}"
-                )
-    fields["repose_slope"] = slopes
-
-
-def _parameters(slopes: Any, changed: dict[str, float]) -> dict[str, float]:
-    """The paper's parameters of a matrix; m1 - m2 is kept where psi or delta is `changed`."""
-    try:
-        (t11, t12), (t21, t22) = slopes
-        psi, delta, m1 = t11 - t21, t22 - t11, t12 - t11
-    except (TypeError, ValueError):
-        raise ValueError(f"repose_slope = {slopes!r}: psi and delta need a 2 x 2 matrix") from None
-    steeper = sum(changed.get(name, old) - old for name, old in (("psi", psi), ("delta", delta)))
-    return {"theta_11": t11, "psi": psi, "delta": delta, "m1": m1 + steeper}
+def _resolve_cross_rate(fields: dict[str, Any]) -> None:
+    cross = number_between("cross_rate", fields.pop("cross_rate"), 0.0, LARGEST)
+    rates = fields.get("collision_rate")
+    rows = rates if isinstance(rates, (list, tuple)) else ()
+    if len(rows) < 2 or not all(isinstance(row, (list, tuple)) for row in rows):
+        raise ValueError(
+            f"cross_rate = {cross:g}: it needs a collision_rate beside it, "
+            "a matrix of two or more species"
+        )
+    fields["collision_rate"] = [
+        [rate if a == b else cross for b, rate in enumerate(row)] for a, row in enumerate(rows)
+    ]
