@@ -58,7 +58,7 @@ class Axis(NamedTuple):
         for key, values in self.fields.items():
             said = {"long_name": key, "field": key}
             if all(type(value) in {int, float} for value in values):
-                found[self.names[key]] = self.dim, np.array(values, dtype=float), said
+                found[self.names[key]] = self.dim, np.array(values), said
             else:
                 words = np.array([json.dumps(value) for value in values])
                 found[f"{self.names[key]}_name"] = self.dim, words, said

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from compare.figure import MODEL_NAMES, style
 from compare.phase.axes import DRAW
@@ -128,7 +129,7 @@ def _draw_theory(axes: "Axes", of_model: xr.Dataset, fields: list[str]) -> "Lege
     slopes = pure_slopes(of_model).reshape(len(x), len(y), -1)
     for a, b in combinations(range(slopes.shape[-1]), 2):
         difference = slopes[..., b] - slopes[..., a]
-        if np.nanmin(difference) < 0 < np.nanmax(difference):
+        if (difference < 0).any() and (difference > 0).any():
             lines = {f"{key}s": value for key, value in EQUAL_SLOPES.items()}
             axes.contour(x, y, difference.T, [0.0], **lines)
             legend["equal repose slopes (delta = 0)"] = Line2D([], [], **EQUAL_SLOPES)
@@ -210,7 +211,7 @@ def _pictures(plane: xr.Dataset, model: str) -> list[int]:
 def _numbers(plane: xr.Dataset, field: str) -> Floats:
     """The values of a coordinate; of one that is in words, their places."""
     values = plane[field].values
-    numbers: Floats = values if values.dtype.kind == "f" else np.arange(len(values), dtype=float)
+    numbers: Floats = (values if _is_of_numbers(values) else np.arange(len(values))) * 1.0
     return numbers
 
 
@@ -236,10 +237,14 @@ def _label(axis: Any, plane: xr.Dataset, field: str) -> None:
     """Say what the axis is of; logarithmic for values of one ratio, words where it is of words."""
     axis.set_label_text(plane[field].attrs["field"])
     values = plane[field].values
-    if values.dtype.kind != "f":
+    if not _is_of_numbers(values):
         axis.set_ticks(np.arange(len(values)), values.tolist())
     elif _is_geometric(values):
         axis._set_axes_scale("log")
+
+
+def _is_of_numbers(values: NDArray[Any]) -> bool:
+    return values.dtype.kind in "fi"
 
 
 def _is_geometric(x: Floats) -> bool:

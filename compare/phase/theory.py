@@ -45,21 +45,24 @@ class Onset:
 def pure_slopes(diagram: xr.Dataset) -> Floats:
     """The repose slopes theta_aa (point, species) at each point, the last axis fastest.
 
-    NaN where there is no set-up.
+    NaN where there is no such mixture.
     """
     experiment = experiment_of(diagram)
-    fields = [name for name, there in diagram.coords.items() if "field" in there.attrs]
-    varied = xr.broadcast(*(diagram[name] for name in fields))
-    dims = [dim for dim in diagram["regime"].dims if dim != "model"]
-    columns = [one.transpose(*dims).values.ravel().tolist() for one in varied]
-    keys = [diagram[name].attrs["field"] for name in fields]
-    found = []
-    for point in zip(*columns, strict=True):
+    fields = {
+        there.attrs["field"]: there
+        for there in diagram.coords.values()
+        if there.attrs.get("field", "").startswith("mixture.")
+    }
+    like = diagram["regime"].isel(model=0, drop=True, missing_dims="ignore")
+    columns = [xr.broadcast(there, like)[0].transpose(*like.dims) for there in fields.values()]
+    points = zip(*(column.values.ravel().tolist() for column in columns), strict=True)
+    found = np.tile(np.diagonal(experiment.mixture.repose_slope), (like.size, 1))
+    for k, point in enumerate(points):
         values = [json.loads(value) if isinstance(value, str) else value for value in point]
         try:
-            mixture = experiment.with_values(dict(zip(keys, values, strict=True))).mixture
+            there = experiment.with_values(dict(zip(fields, values, strict=True)))
         except SetupError:
-            found.append(np.full(experiment.mixture.species, np.nan))
+            found[k] = np.nan
         else:
-            found.append(np.diagonal(mixture.repose_slope))
-    return np.array(found)
+            found[k] = np.diagonal(there.mixture.repose_slope)
+    return found
