@@ -15,13 +15,14 @@ from compare.phase.axes import axes_of, varied
 from compare.phase.diagram import LINES, phase_to_file
 from compare.phase.figure import draw_phase
 from compare.phase.plan import plan_of, sound_setup
-from compare.phase.summary import phase_record, phase_table
+from compare.phase.summary import failures, phase_record, phase_table
 from experiment import SetupError
 from experiment.archive.files import refuse_existing
 
 __all__ = ["phase"]
 
 DEPOSITS = 8
+MOST_REASONS = 10
 
 
 @click.command()
@@ -96,7 +97,7 @@ def phase(
     if path.suffix != ".nc":
         raise SetupError(f"output = {path}: it should end in .nc")
     drawing = path.with_suffix(".png")
-    refuse_existing([path, drawing], force=force)
+    refuse_existing([path, drawing], force=force or resume)
     console = open_console(stderr=as_json)
     axes = axes_of(*varied(vary), draws)
     models = list(BEGIN) if model == "both" else [model]
@@ -107,9 +108,11 @@ def phase(
         diagram = phase_to_file(
             plan, path, share_out, resume=resume, force=force, progress=progress
         )
-    save(draw_phase(diagram), drawing, force=force)
+    save(draw_phase(diagram), drawing, force=force or resume)
     say(f"wrote {path} and {drawing}", console)
     if as_json:
         click.echo(json.dumps(phase_record(diagram), indent=2))
         return
     console.print(phase_table(diagram))
+    for line in failures(diagram)[:MOST_REASONS]:
+        say(line)

@@ -7,9 +7,10 @@ from compare.deposit.inclination import settle
 from compare.quantities import coarseness
 from experiment.arrays import Floats
 
-__all__ = ["SHAPE", "picture_of"]
+__all__ = ["PIXEL", "SHAPE", "picture_of"]
 
 SHAPE = 120, 120  # rows, columns
+PIXEL = np.dtype("<f4")
 
 
 def picture_of(archive: xr.Dataset) -> Floats:
@@ -21,7 +22,7 @@ def picture_of(archive: xr.Dataset) -> Floats:
     coarse, _ = settle(deposit.values.astype(np.float64))
     inside = np.isfinite(coarse)
     total, number = (_blocks(values) for values in (np.where(inside, coarse, 0.0), inside * 1.0))
-    return np.where(number > 0, total / np.maximum(number, 1.0), np.nan)
+    return np.where(number > 0, total / np.maximum(number, 1.0), np.nan).astype(PIXEL)
 
 
 def _blocks(values: Floats) -> Floats:

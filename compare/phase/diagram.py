@@ -15,16 +15,17 @@ from compare.phase.journal import Journal, journal_beside
 from compare.phase.plan import Plan, plan_of
 from compare.phase.theory import ONSET
 from compare.quantities import named
-from experiment import Experiment
+from experiment import Experiment, OutputExistsError
 from experiment.archive.files import refuse_existing
 from experiment.archive.layout import CONVENTIONS, REFERENCES, history
 from experiment.archive.provenance import made_by
-from experiment.archive.storage import write_whole
+from experiment.archive.storage import read_whole, write_whole
 from experiment.arrays import Floats
 
 __all__ = ["phase", "phase_to_file"]
 
 LINES = 16
+PLAN = "plan_sha256"
 Progress = Callable[[float], object]
 
 
@@ -77,13 +78,23 @@ def phase_to_file(
     """The diagram of `plan`, written to `path`; each outcome is on disk as soon as it is there.
 
     With `resume` a diagram that did not end, however it was stopped, goes on with the jobs that are
-    left. Raises :class:`OutputExistsError` for what is in the way and not to be replaced by
+    left; one that did is read. Raises :class:`OutputExistsError` for what is in the way and not to be replaced by
     `force`, and :class:`ArchiveError` for what cannot be written or gone on with.
     """
-    refuse_existing([path], force=force)
+    refuse_existing([path], force=force or resume)
     with journal_beside(path, plan, resume=resume, force=force) as journal:
+        if resume and path.exists() and not force:
+            return _whole(path, plan)
         diagram = _worked_out(plan, scheduler, progress, journal).dataset()
         write_whole(diagram, path, force=force)
+    return diagram
+
+
+def _whole(path: Path, plan: Plan) -> xr.Dataset:
+    """The diagram at `path`. Raises :class:`OutputExistsError` where it is not that of `plan`."""
+    diagram = read_whole(path)
+    if diagram.attrs.get(PLAN) != plan.digest:
+        raise OutputExistsError(f"{str(path)!r} is another diagram; --force replaces it")
     return diagram
 
 
@@ -152,6 +163,7 @@ class Findings:
                 "history": history("mapped"),
                 "references": REFERENCES,
                 "experiment": plan.experiment.to_toml(),
+                PLAN: plan.digest,
             },
         )
         words = [str(name) for name in found.coords if str(name).endswith("_name")]

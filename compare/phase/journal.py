@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from compare.campaign import Outcome
-from compare.deposit.picture import SHAPE
+from compare.deposit.picture import PIXEL, SHAPE
 from compare.phase.plan import Plan
 from experiment import ArchiveError, OutputExistsError
 from experiment.pouring.work import locked
@@ -24,7 +24,6 @@ from experiment.pouring.work import locked
 __all__ = ["Journal", "journal_beside"]
 
 NAME = "outcomes.sqlite"
-PIXEL = np.dtype("<f4")
 TABLES = """
 PRAGMA journal_mode = WAL;
 PRAGMA synchronous = NORMAL;
@@ -75,7 +74,7 @@ class Journal:
         other = [name for name in there if there[name] != here[name]]
         if other:
             raise ArchiveError(
-                f"an unfinished diagram is there that differs in its {other[0]}; "
+                f"what is unfinished is another diagram: its {other[0]} differs; "
                 "--force begins anew"
             )
         with self._base:
@@ -83,8 +82,7 @@ class Journal:
 
     def keep(self, job: int, outcome: Outcome) -> None:
         """Put the outcome of a job on disk."""
-        picture = outcome.picture
-        pixels = None if picture is None else picture.astype(PIXEL).tobytes()
+        pixels = None if outcome.picture is None else outcome.picture.tobytes()
         new = {name: told for name, told in outcome.attributes.items() if name not in self._known}
         with self._base:
             self._base.execute(

@@ -4,6 +4,7 @@ Jobs are numbered, point by point and model by model, the lines last; so a diagr
 interrupted knows what is left.
 """
 
+import hashlib
 import json
 import math
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -81,6 +82,11 @@ class Plan:
             "deposits": json.dumps(self.pictured),
             "lines of the spectrum": json.dumps(self.lines),
         }
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of that."""
+        return hashlib.sha256(json.dumps(self.told()).encode()).hexdigest()
 
 
 def plan_of(

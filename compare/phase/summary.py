@@ -12,7 +12,7 @@ from compare.phase.boundary import LAYERED_FROM
 from compare.phase.theory import ONSET
 from compare.table import plain, with_error
 
-__all__ = ["phase_record", "phase_table"]
+__all__ = ["failures", "phase_record", "phase_table"]
 
 MOST_ROWS = 16
 
@@ -29,11 +29,16 @@ def phase_table(diagram: xr.Dataset) -> Table:
         sheet.add_row(Text(diagram[LAYERED_FROM].attrs["long_name"], style="bold"))
         for row in _rows(diagram):
             sheet.add_row(*row)
-    for model in models:
-        for reason, number in _counts(diagram, model, "failure").most_common():
-            sheet.add_section()
-            sheet.add_row(Text(f"{model}: {number} failed: {reason}"))
     return sheet
+
+
+def failures(diagram: xr.Dataset) -> list[str]:
+    """A line for each reason why points of a model failed, the most frequent first."""
+    return [
+        f"{model}: {number} failed: {reason}"
+        for model in diagram["model_name"].values.tolist()
+        for reason, number in _counts(diagram, model, "failure").most_common()
+    ]
 
 
 def phase_record(diagram: xr.Dataset) -> dict[str, object]:
