@@ -138,6 +138,7 @@ def test_a_diagram_that_is_whole_is_not_made_again(
     with pytest.raises(OutputExistsError, match="is another diagram; --force replaces it"):
         phase_to_file(quick_plan(small_pour), whole, killed_after(0, []), resume=True)
     assert whole.stat().st_mtime_ns == written
+    assert not whole.with_name("phase.nc.unfinished").exists()
 
 
 def outcomes_in(journal: Path) -> int:

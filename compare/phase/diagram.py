@@ -78,13 +78,14 @@ def phase_to_file(
     """The diagram of `plan`, written to `path`; each outcome is on disk as soon as it is there.
 
     With `resume` a diagram that did not end, however it was stopped, goes on with the jobs that are
-    left; one that did is read. Raises :class:`OutputExistsError` for what is in the way and not to be replaced by
-    `force`, and :class:`ArchiveError` for what cannot be written or gone on with.
+    left; one that did is read. Raises :class:`OutputExistsError` for what is in the way and not to
+    be replaced by `force`, and :class:`ArchiveError` for what cannot be written or gone on with.
     """
     refuse_existing([path], force=force or resume)
+    whole = _whole(path, plan) if path.exists() and not force else None
     with journal_beside(path, plan, resume=resume, force=force) as journal:
-        if resume and path.exists() and not force:
-            return _whole(path, plan)
+        if whole is not None:
+            return whole
         diagram = _worked_out(plan, scheduler, progress, journal).dataset()
         write_whole(diagram, path, force=force)
     return diagram
