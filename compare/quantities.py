@@ -8,6 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from experiment.archive import experiment_of
+from experiment.arrays import Floats
 
 __all__ = [
     "cell_height",
@@ -20,6 +21,7 @@ __all__ = [
     "named",
     "quantity",
     "rise_velocity",
+    "settled_height",
     "settled_since",
     "settled_thickness",
     "total_inflow",
@@ -88,14 +90,13 @@ def rise_velocity(archive: xr.Dataset) -> float:
     L is the length that grains cover, which in a heap grows, too; and what fell off an open end
     does not count.
     """
-    settled = archive.sel(time=slice(settled_since(archive), None))
-    slope = settled.isel(x=np.flatnonzero(archive["x"].values > 0))
-    laid = slope["height"] - slope["base_height"] > BARE * total_inflow(archive)
-    covered = laid.sum("x").mean("time") * cell_width(archive)
-    poured, lost = (
-        float((volume[-1] - volume[0]).sum())
-        for volume in (settled["poured_volume"], settled["outflow_volume"])
-    )
+    settled = archive["time"].values >= settled_since(archive)
+    slope = archive["x"].values > 0
+    thickness = (archive["height"].values[settled] - archive["base_height"].values)[:, slope]
+    laid = thickness > BARE * total_inflow(archive)
+    covered = laid.sum(axis=1).mean() * cell_width(archive)
+    volumes = (archive[f"{name}_volume"].values[settled] for name in ("poured", "outflow"))
+    poured, lost = (float((volume[-1] - volume[0]).sum()) for volume in volumes)
     kept = 1.0 - lost / poured if poured > 0 else 1.0
     return flux(archive) * kept / float(covered) if covered > 0 else 0.0
 
@@ -105,11 +106,18 @@ def settled_since(archive: xr.Dataset) -> float:
     return float(archive["time"].values[-1]) * TRANSIENT_SHARE
 
 
+def settled_height(archive: xr.Dataset) -> Floats:
+    """Height (x,) [cm] of the pile when the transient was over, between two records."""
+    time, height, since = archive["time"].values, archive["height"].values, settled_since(archive)
+    k = int(np.searchsorted(time, since).clip(1))
+    growth = (height[k] - height[k - 1]) / (time[k] - time[k - 1])
+    settled: Floats = height[k - 1] + growth * (since - time[k - 1])
+    return settled
+
+
 def settled_thickness(archive: xr.Dataset) -> float:
     """Mean thickness [cm] of what was laid after the transient."""
-    height = archive["height"]
-    grown = height.isel(time=-1) - height.interp(time=settled_since(archive))
-    return float(grown.mean())
+    return float((archive["height"].values[-1] - settled_height(archive)).mean())
 
 
 def measured_columns(archive: xr.Dataset) -> NDArray[np.bool_]:
@@ -138,7 +146,11 @@ def coarseness(fraction: xr.DataArray, archive: xr.Dataset) -> xr.DataArray:
     diameter = archive["grain_diameter"]
     spread = float(diameter.max() - diameter.min())
     if spread > 0:
-        return fraction.dot((diameter - diameter.min()) / spread, dim="species")
+        scale = (diameter - diameter.min()) / spread
+        mean: xr.DataArray = xr.apply_ufunc(
+            np.matmul, fraction, scale, input_core_dims=[["species"]] * 2
+        )
+        return mean
     return fraction.isel(species=-1, drop=True)
 
 

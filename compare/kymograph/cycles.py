@@ -29,9 +29,10 @@ def mean_velocity(lines: xr.Dataset) -> tuple[float, float]:
 
     A line weighs as much as the length on which it was seen in the measured columns.
     """
-    told = lines.isel(event=np.isfinite(lines["velocity"].values))
-    seen = np.isfinite(told["passage"].values[:, told["measured"].values]).sum(axis=1)
-    return median_and_error(told["velocity"].values, told["velocity_error"].values, seen)
+    velocity, error = lines["velocity"].values, lines["velocity_error"].values
+    seen = np.isfinite(lines["passage"].values[:, lines["measured"].values]).sum(axis=1)
+    told = np.isfinite(velocity)
+    return median_and_error(velocity[told], error[told], seen[told])
 
 
 def median_and_error(values: Floats, errors: Floats, weights: Floats) -> tuple[float, float]:

@@ -30,7 +30,7 @@ class Slope(NamedTuple):
 
 def slope_of(archive: xr.Dataset) -> Slope:
     """What lines are found from, as arrays."""
-    below = np.flatnonzero(archive["x"].values > 0)
+    below = slice(int(np.searchsorted(archive["x"].values, 0.0, side="right")), None)
     end = experiment_of(archive).cell.end
     return Slope(
         archive["time"].values,
