@@ -8,6 +8,7 @@ at rest; each level is the mean from a quarter of the way to the end of its side
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from compare.kymograph.kernel import average_beside
 from experiment.arrays import Floats
@@ -27,11 +28,17 @@ class Profile(NamedTuple):
 
 
 def profiles(
-    time: Floats, thickness: Floats, path: Floats, before: Floats, after: Floats, *, rising: bool
+    time: Floats,
+    thickness: Floats,
+    path: Floats,
+    before: Floats,
+    after: Floats,
+    rising: NDArray[np.bool_],
 ) -> Profile:
     """Profiles of lines from `thickness` (time, x, species), along each `path` (line, x) [s].
 
     `before` and `after` (line, x) [s] tell how far away other lines are, NaN where a line is not.
+    Of lines that are `rising` (line,) the flow comes after.
     """
     columns = path.shape[1]
     chosen = np.arange(0, columns, -(-columns // COLUMNS))
@@ -40,9 +47,8 @@ def profiles(
     side = np.linspace(0.0, 1.0, STEPS + 1) ** 2  # finest next to the line
     tau = np.concatenate([-early[:, None] * side[:0:-1], late[:, None] * side], axis=1)
     mean = average_beside(time, thickness[:, chosen], path, before, after, tau)
-    if rising:
-        mean = mean[:, ::-1]
-        tau = -tau[:, ::-1]
+    mean = np.where(rising[:, None, None], mean[:, ::-1], mean)
+    tau = np.where(rising[:, None], -tau[:, ::-1], tau)
     flowing, calm = mean[:, : STEPS // 2].mean(axis=1), mean[:, -STEPS // 2 :].mean(axis=1)
     low, high = calm.sum(axis=1)[:, None], flowing.sum(axis=1)[:, None]
     jump = np.where(high > low, high - low, np.inf)
