@@ -24,6 +24,7 @@ __all__ = [
     "settled_height",
     "settled_since",
     "settled_thickness",
+    "slope_columns",
     "total_inflow",
     "velocity",
     "why_not_measured",
@@ -36,12 +37,12 @@ BARE = 0.1  # R0: what is laid thinner than this covers nothing
 
 def total_inflow(archive: xr.Dataset) -> float:
     """R0 = sum_a R_a^0 [cm]."""
-    return float(archive["inflow"].sum())
+    return float(archive["inflow"].values.sum())
 
 
 def flux(archive: xr.Dataset) -> float:
     """sum_a v_a R_a^0 [cm2/s]: what is poured per time and unit gap."""
-    return float((archive["inflow"] * archive["drift_velocity"]).sum())
+    return float((archive["inflow"].values * archive["drift_velocity"].values).sum())
 
 
 def velocity(archive: xr.Dataset) -> float:
@@ -74,6 +75,11 @@ def cell_height(archive: xr.Dataset) -> float:
     return float(z[1] - z[0])
 
 
+def slope_columns(archive: xr.Dataset) -> slice:
+    """The columns of the slope that is measured: that to the right of the source."""
+    return slice(int(np.searchsorted(archive["x"].values, 0.0, side="right")), None)
+
+
 def why_not_measured(archive: xr.Dataset) -> str | None:
     """Why a pour has no kinks and layers of one flow down one slope; None if it has."""
     experiment = experiment_of(archive)
@@ -91,9 +97,9 @@ def rise_velocity(archive: xr.Dataset) -> float:
     does not count.
     """
     settled = archive["time"].values >= settled_since(archive)
-    slope = archive["x"].values > 0
-    thickness = (archive["height"].values[settled] - archive["base_height"].values)[:, slope]
-    laid = thickness > BARE * total_inflow(archive)
+    slope = slope_columns(archive)
+    height, base = archive["height"].values[settled, slope], archive["base_height"].values[slope]
+    laid = height - base > BARE * total_inflow(archive)
     covered = laid.sum(axis=1).mean() * cell_width(archive)
     volumes = (archive[f"{name}_volume"].values[settled] for name in ("poured", "outflow"))
     poured, lost = (float((volume[-1] - volume[0]).sum()) for volume in volumes)

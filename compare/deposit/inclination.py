@@ -13,36 +13,20 @@ layer rises; the greatest likeness counts. The inclination is
 -rise / dx: a slope, downhill positive, as all slopes here.
 """
 
-from functools import cache
-from typing import NamedTuple
+from functools import lru_cache
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from compare.deposit.kernel import average_along, extent
+from compare.deposit.kernel import average_along
+from compare.deposit.profiles import Settled
 from compare.deposit.spectrum import Transform
 from experiment.arrays import Floats
 
-__all__ = ["Settled", "along_layers", "rises", "settle"]
+__all__ = ["along_layers", "rises"]
 
 TRIED = 12  # distances
-
-
-class Settled(NamedTuple):
-    """The columns of a deposit, let down to one floor."""
-
-    coarse: Floats  # (z, x), NaN above a column
-    floor: NDArray[np.intp]  # (x,) from what height it was let down, in cells
-    height: NDArray[np.intp]  # (x,) of the column, in cells
-
-
-def settle(coarse: Floats) -> Settled:
-    """The columns of `coarse` (z, x), so that on a slope they take no more room than is needed."""
-    floor, top = extent(coarse)
-    rows = np.arange(max(1, int((top - floor).max())))[:, None] + floor
-    settled = np.take_along_axis(coarse, np.minimum(rows, len(coarse) - 1), axis=0)
-    return Settled(np.where(rows < top, settled, np.nan), floor, top - floor)
 
 
 def _surface_slope(deposit: Settled) -> float:
@@ -68,7 +52,7 @@ def rises(
     if not np.isfinite(surface):
         return np.zeros(columns - 1)
     farthest = max(1, min(farthest, columns // 4))
-    like = cache(transformed.between)
+    like = lru_cache(1)(transformed.between)
 
     def follow(slope: float, apart: int, reach: float) -> tuple[Floats, Floats]:
         fallen = deposit.floor[:-apart] - deposit.floor[apart:]

@@ -20,13 +20,16 @@ Rows = NDArray[np.intp]
 
 
 @njit(cache=True, nogil=True)
-def extent(values: Floats) -> tuple[Rows, Rows]:
-    """The row where each column begins, and the one past its end; 0 and 0 of an empty one."""
+def extent(values: Floats, lowest: Rows) -> tuple[Rows, Rows]:
+    """The row where each column begins, and the one past its end; 0 and 0 of an empty one.
+
+    Of a column what lies below the row `lowest` (x,) does not count.
+    """
     rows, columns = values.shape
     begin, end = np.zeros(columns, np.intp), np.zeros(columns, np.intp)
-    for k in range(rows):
+    for k in range(lowest.min(), rows):
         for i in range(columns):
-            if np.isfinite(values[k, i]):
+            if k >= lowest[i] and np.isfinite(values[k, i]):
                 if end[i] == 0:
                     begin[i] = k
                 end[i] = k + 1

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from compare.deposit.counting import Counted, count_layers, count_pairs
 from compare.deposit.dual import Plateaus, plateaus
-from compare.deposit.inclination import Settled, along_layers, rises, settle
+from compare.deposit.inclination import along_layers, rises
 from compare.deposit.kernel import smooth
 from compare.deposit.order import (
     FEWEST,
@@ -27,10 +27,10 @@ from compare.deposit.order import (
     repeats,
     together,
 )
-from compare.deposit.profiles import settled_coarseness
+from compare.deposit.profiles import Settled, let_down, settled
 from compare.deposit.spectrum import Correlation, Repeat, Transform, transform
 from compare.deposit.zones import LAYERED_SHARE, zones
-from compare.quantities import measured_columns, quantity
+from compare.quantities import cell_height, measured_columns, quantity, slope_columns
 from experiment.arrays import Floats
 
 __all__ = ["layers", "layers_of"]
@@ -89,10 +89,9 @@ IN_PLACE = {
 
 def layers(archive: xr.Dataset) -> xr.Dataset:
     """Layers of the settled part of a pour, in its measured columns; see :func:`layers_of`."""
-    coarse = settled_coarseness(archive)
-    slope = coarse["x"].values > 0
-    grain = float(archive["grain_diameter"].mean())
-    return layers_of(coarse.isel(x=slope), measured_columns(archive)[slope], grain)
+    slope = slope_columns(archive)
+    chosen, grain = measured_columns(archive)[slope], float(archive["grain_diameter"].mean())
+    return _layers(settled(archive), archive["x"][slope], cell_height(archive), chosen, grain)
 
 
 def layers_of(
@@ -107,10 +106,17 @@ def layers_of(
     layering 0, where there are no layers. The attribute `comment`, where it is there, tells what
     should be looked at twice.
     """
-    deposit = settle(np.asarray(coarse.values, dtype=np.float64))
-    x = coarse["x"].values
-    chosen = np.ones(len(x), bool) if measured is None else measured
-    dz, dx = _spacing(coarse["z"].values), _spacing(x)
+    deposit = let_down(np.asarray(coarse.values, dtype=np.float64))
+    chosen = np.ones(coarse.sizes["x"], bool) if measured is None else measured
+    return _layers(deposit, coarse["x"], _spacing(coarse["z"].values), chosen, grain)
+
+
+def _layers(
+    deposit: Settled, place: xr.DataArray, dz: float, chosen: NDArray[np.bool_], grain: float
+) -> xr.Dataset:
+    """Layers of a `deposit` with columns at `place` (x,), in those that are `chosen` (x,)."""
+    x = place.values
+    dx = _spacing(x)
     transformed = transform(deposit.coarse)
     correlation = transformed.with_itself()
     pooled = correlation.pooled(chosen)
@@ -122,7 +128,7 @@ def layers_of(
     found = {"layering": repeat.strength} | shares
     if shares["layered_share"] >= LAYERED_SHARE:
         layered = chosen & (local.strength >= CLEAR * repeat.strength)
-        found |= _numbers(pooled, repeat, followed, layered, coarse)
+        found |= _numbers(pooled, repeat, followed, layered, x, dz)
         found |= _drift(x[layered], local.lag[layered] * dz)
     comment = _second_thoughts(found, dz)
     in_place = (
@@ -138,7 +144,7 @@ def layers_of(
             name: quantity(array, *told, dims=("x",))
             for (name, told), array in zip(IN_PLACE.items(), in_place, strict=True)
         },
-        {"x": coarse["x"]},
+        {"x": place},
         {"comment": comment} if comment else {},
     )
 
@@ -170,10 +176,10 @@ def _numbers(
     repeat: Repeat,
     followed: _Followed,
     layered: NDArray[np.bool_],
-    coarse: xr.DataArray,
+    x: Floats,
+    dz: float,
 ) -> dict[str, float]:
     """What counting in the columns that are `layered` (x,) adds to the `repeat` of all columns."""
-    x, dz = coarse["x"].values, _spacing(coarse["z"].values)
     pairs = count_pairs(followed.profiles[:, layered])
     counted = count_layers(pairs)
     steps = plateaus(column_mean(pairs.pair) * dz, x[layered])

@@ -123,7 +123,7 @@ def transform(coarse: Floats) -> Transform:
     number = inside.sum(axis=0)
     mean = np.where(inside, coarse, 0.0).sum(axis=0) / np.maximum(number, 1)
     terms = np.maximum(number - np.arange(len(coarse))[:, None], 0.0)
-    begin, end = extent(coarse)
+    begin, end = extent(coarse, np.zeros_like(number))
     gaps = end - begin > number
     if gaps.any():
         spectrum = _forth(inside[:, gaps].astype(np.float64))

@@ -47,7 +47,7 @@ def median_and_error(values: Floats, errors: Floats, weights: Floats) -> tuple[f
     middle = median(values, weights)
     n = float(weights.sum() ** 2 / (weights**2).sum())
     if n < MANY:
-        student = scipy.stats.t.ppf(scipy.stats.norm.cdf(1.0), max(n - 1.0, 1.0))
+        student = scipy.special.stdtrit(max(n - 1.0, 1.0), float(scipy.special.ndtr(1.0)))
         scatter = float(student * np.sqrt(np.cov(values, aweights=weights)))
     else:
         scatter = 1.4826 * median(np.abs(values - middle), weights)

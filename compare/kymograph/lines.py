@@ -120,7 +120,8 @@ def _lines(slope: Slope, records: Sampling, found: tuple[Crossings, Crossings]) 
     lasts = np.nanmax(table[0], axis=1) - np.nanmin(table[0], axis=1) > LASTS * records.interval
     kept = possible & lasts & (middle > slope.settled)
     order = np.flatnonzero(kept)[np.argsort(middle[kept])]
-    return Lines(*table[:, order], rising[order])
+    passage, before, after = table[:, order]
+    return Lines(passage, before, after, rising[order])
 
 
 def _linked(slope: Slope, records: Sampling, found: Crossings) -> Floats:
