@@ -3,7 +3,16 @@
 import sys
 from importlib import import_module
 
-SUBJECTS = ("pours", "lattice", "continuum", "solvers", "grains", "archives", "recording")
+SUBJECTS = (
+    "pours",
+    "lattice",
+    "continuum",
+    "solvers",
+    "grains",
+    "archives",
+    "recording",
+    "measuring",
+)
 ON_REQUEST = ("giant",)
 
 for subject in sys.argv[1:] or SUBJECTS:

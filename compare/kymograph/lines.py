@@ -113,15 +113,15 @@ def _lines(slope: Slope, records: Sampling, found: tuple[Crossings, Crossings]) 
     table = np.concatenate(tables, axis=1)
     rising = np.repeat([False, True], [one.shape[1] for one in tables])
     middle = np.nanmean(table[0], axis=1)
-    course = fit(slope.x, table[0], 1, records.least)
-    slowness = course.coefficient[:, 1] / course.half * np.where(rising, 1.0, -1.0)
-    slowest = slowness + 2.0 * course.error[:, 1] / course.half
-    possible = (slowness > 0.0) & (slowest * records.drift > 1.0 / FASTEST)
     lasts = np.nanmax(table[0], axis=1) - np.nanmin(table[0], axis=1) > LASTS * records.interval
-    kept = possible & lasts & (middle > slope.settled)
+    kept = lasts & (middle > slope.settled)
     order = np.flatnonzero(kept)[np.argsort(middle[kept])]
     passage, before, after = table[:, order]
-    return Lines(passage, before, after, rising[order])
+    course = fit(slope.x, passage, 1, records.least)
+    slowness = course.coefficient[:, 1] / course.half * np.where(rising[order], 1.0, -1.0)
+    slowest = slowness + 2.0 * course.error[:, 1] / course.half
+    possible = (slowness > 0.0) & (slowest * records.drift > 1.0 / FASTEST)
+    return Lines(*(every[possible] for every in (passage, before, after, rising[order])))
 
 
 def _linked(slope: Slope, records: Sampling, found: Crossings) -> Floats:
