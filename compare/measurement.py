@@ -94,7 +94,8 @@ def measure(archive: xr.Dataset) -> xr.Dataset:
 
 def _told(layers: xr.Dataset, word: str) -> dict[str, xr.Variable]:
     """The scalars of `layers`; without the numbers of layers where too few were laid to tell."""
-    scalars = {str(name): array.variable for name, array in layers.items() if not array.dims}
+    variables = {str(name): layers.variables[name] for name in layers.data_vars}
+    scalars = {name: told for name, told in variables.items() if not told.dims}
     if word != "unsettled":
         return scalars
     return {

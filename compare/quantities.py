@@ -21,6 +21,7 @@ __all__ = [
     "named",
     "quantity",
     "rise_velocity",
+    "scaled_diameter",
     "settled_height",
     "settled_since",
     "settled_thickness",
@@ -149,15 +150,16 @@ def coarseness(fraction: xr.DataArray, archive: xr.Dataset) -> xr.DataArray:
     For two species it is the fraction of the large one; for grains of one size it is the fraction
     of the last species.
     """
-    diameter = archive["grain_diameter"]
-    spread = float(diameter.max() - diameter.min())
+    return fraction.dot(xr.DataArray(scaled_diameter(archive), dims="species"), dim="species")
+
+
+def scaled_diameter(archive: xr.Dataset) -> Floats:
+    """Of each species (species,), from 0 to 1; of grains of one size that of the last is 1."""
+    diameter = archive["grain_diameter"].values
+    spread = diameter.max() - diameter.min()
     if spread > 0:
-        scale = (diameter - diameter.min()) / spread
-        mean: xr.DataArray = xr.apply_ufunc(
-            np.matmul, fraction, scale, input_core_dims=[["species"]] * 2
-        )
-        return mean
-    return fraction.isel(species=-1, drop=True)
+        return np.asarray((diameter - diameter.min()) / spread)
+    return np.append(np.zeros(len(diameter) - 1), 1.0)
 
 
 def named(meaning: str, units: str = "1") -> dict[str, str]:

@@ -40,20 +40,24 @@ def extent(values: Floats, lowest: Rows) -> tuple[Rows, Rows]:
 def average_along(values: Floats, place: Floats, width: int) -> Floats:
     """Averages (z, x) over `width` columns, of which each is shifted to its own `place` (x,)."""
     rows, columns = values.shape
-    upright = values.T.copy()
-    averages = np.empty((rows, columns))
+    filled, inside = np.zeros((columns, rows)), np.zeros((columns, rows))
+    for k in range(rows):
+        for i in range(columns):
+            if np.isfinite(values[k, i]):
+                filled[i, k], inside[i, k] = values[k, i], 1.0
+    averages = np.full((rows, columns), np.nan)
     total, number = np.empty(rows), np.empty(rows)
     for i in range(columns):
         total[:], number[:] = 0.0, 0.0
         for beside in range(max(0, i - width // 2), min(columns, i + width // 2 + 1)):
             shift = int(np.rint(place[beside] - place[i]))
-            for k in range(max(0, -shift), min(rows, rows - shift)):
-                value = upright[beside, k + shift]
-                inside = np.isfinite(value)
-                total[k] += value if inside else 0.0
-                number[k] += inside
+            begin, end = max(0, -shift), min(rows, rows - shift)
+            if begin < end:
+                total[begin:end] += filled[beside, begin + shift : end + shift]
+                number[begin:end] += inside[beside, begin + shift : end + shift]
         for k in range(rows):
-            averages[k, i] = total[k] / number[k] if np.isfinite(upright[i, k]) else np.nan
+            if inside[i, k] > 0.0:
+                averages[k, i] = total[k] / number[k]
     return averages
 
 

@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from compare.deposit.kernel import extent
-from compare.quantities import coarseness, settled_height, slope_columns
+from compare.quantities import coarseness, scaled_diameter, settled_height, slope_columns
 from experiment.arrays import Floats
 
 __all__ = ["Settled", "let_down", "settled", "settled_coarseness"]
@@ -30,7 +30,7 @@ def settled_coarseness(archive: xr.Dataset) -> xr.DataArray:
     """Coarseness (z, x) in place of what was laid after the transient; NaN elsewhere."""
     coarse = coarseness(archive["deposit_fraction"], archive).transpose("z", "x")
     later = archive["z"].values[:, None] > settled_height(archive)
-    return coarse.copy(data=np.where(later, coarse.values.astype(np.float64), np.nan))
+    return coarse.copy(data=np.where(later, coarse.values, np.nan))
 
 
 def settled(archive: xr.Dataset) -> Settled:
@@ -40,8 +40,8 @@ def settled(archive: xr.Dataset) -> Settled:
     lowest = np.searchsorted(archive["z"].values, start, side="right")
     floor, top = extent(fraction[..., 0], lowest)
     fallen, inside = _fallen(fraction, floor, top)
-    coarse = coarseness(xr.DataArray(fallen, dims=("z", "x", "species")), archive).values
-    return Settled(np.where(inside, coarse.astype(np.float64), np.nan), floor, top - floor)
+    coarse = np.where(inside, fallen @ scaled_diameter(archive), np.nan)
+    return Settled(coarse, floor, top - floor)
 
 
 def let_down(coarse: Floats) -> Settled:
