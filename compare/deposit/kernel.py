@@ -48,13 +48,13 @@ def average_along(values: Floats, place: Floats, width: int) -> Floats:
     averages = np.full((rows, columns), np.nan)
     total, number = np.empty(rows), np.empty(rows)
     for i in range(columns):
-        total[:], number[:] = 0.0, 0.0
+        total[:] = 0.0
+        number[:] = 0.0
         for beside in range(max(0, i - width // 2), min(columns, i + width // 2 + 1)):
             shift = int(np.rint(place[beside] - place[i]))
-            begin, end = max(0, -shift), min(rows, rows - shift)
-            if begin < end:
-                total[begin:end] += filled[beside, begin + shift : end + shift]
-                number[begin:end] += inside[beside, begin + shift : end + shift]
+            for k in range(max(0, -shift), min(rows, rows - shift)):
+                total[k] += filled[beside, k + shift]
+                number[k] += inside[beside, k + shift]
         for k in range(rows):
             if inside[i, k] > 0.0:
                 averages[k, i] = total[k] / number[k]
