@@ -3,7 +3,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 PRESETS := makse-stratification makse-segregation glass-sugar lattice-stratification
-KERNELS := $(wildcard ca_model/*.py ca_model/*/*.py continuum/*.py)
+KERNELS := $(wildcard ca_model/*.py ca_model/*/*.py continuum/*.py compare/*/kernel.py)
 
 .PHONY: run test lint bench giant killed picture lock clean
 
@@ -52,7 +52,7 @@ picture: run
 
 # A cached kernel does not notice that a function it calls in another file has changed.
 .venv/.kernels: .venv/.run $(KERNELS)
-	@find ca_model continuum \( -name '*.nbc' -o -name '*.nbi' \) -delete
+	@find ca_model continuum compare \( -name '*.nbc' -o -name '*.nbi' \) -delete
 	@touch $@
 
 # Newest versions that fit together; commit what it writes.

@@ -11,6 +11,7 @@ SUBJECTS = (
     "grains",
     "archives",
     "recording",
+    "measuring",
     "diagrams",
 )
 ON_REQUEST = ("giant",)

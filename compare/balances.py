@@ -66,11 +66,12 @@ def volume_residual(archive: xr.Dataset) -> float:
 
     |poured - rolling - deposited - fallen off| over what was poured of the species in the end.
     """
-    there = ("rolling_volume", "deposited_volume", "outflow_volume")
-    poured = archive["poured_volume"]
-    missing = abs(poured - sum(archive[name] for name in there)).max("time")
-    total = poured.isel(time=-1)
-    return float((missing / total.where(total > 0)).max())
+    poured, rolling, deposited, fallen = (
+        archive[f"{name}_volume"].values for name in ("poured", "rolling", "deposited", "outflow")
+    )
+    missing = np.abs(poured - (rolling + deposited + fallen)).max(axis=0)
+    total = poured[-1]
+    return float(max(missing[total > 0] / total[total > 0], default=np.nan))
 
 
 def _residual(left: Measured, right: Measured) -> Measured:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from compare.accessor import Strata
@@ -22,6 +23,8 @@ from experiment.archive import experiment_of
 
 __all__ = ["compare", "in_detail", "measure", "refuse_unlike"]
 
+OF_ANY = ("layering", "pure_share", "layered_share", "segregation")  # deposit, however thin
+UNKNOWN = np.array(np.nan)
 BALANCES = {
     "wavelength_of_period": ("cm", "R0 v T / L"),
     "period_residual": ("1", "wavelength over R0 v T / L, less 1"),
@@ -53,47 +56,52 @@ def measure(archive: xr.Dataset) -> xr.Dataset:
     kink = kink._replace(value=-kink.value)
     front = Measured(*mean_velocity(strata.fronts()))
     period = Measured(*cycle_period(strata.kinks()))
-    told = _untold(layers) if word == "unsettled" else layers
+    told = _told(layers, word)
     wavelength = Measured(float(told["wavelength"]), float(told["wavelength_error"]))
     v, r0, length = velocity(archive), total_inflow(archive), cell_length(archive)
-    numbers = xr.Dataset(
+    balanced = balances(archive, wavelength, period, front, kink)
+    numbers = (
         {"regime": quantity(word, "", "what the pour did")}
         | _with_error("kink_velocity", kink, "cm s-1", "velocity of kinks, uphill")
         | _with_error("front_velocity", front, "cm s-1", "velocity of avalanche fronts, downhill")
         | _with_error("cycle_period", period, "s", "time between kinks")
-        | {
-            "kink_velocity_scaled": quantity(kink.value / v, "1", "kink_velocity / v"),
-            "front_velocity_scaled": quantity(front.value / v, "1", "front_velocity / v"),
-            "cycle_period_scaled": quantity(period.value * v / length, "1", "cycle_period v / L"),
-            "wavelength_scaled": quantity(wavelength.value / r0, "1", "wavelength / R0"),
-            "volume_residual": quantity(
-                volume_residual(archive),
-                "1",
-                "poured, but neither rolling nor at rest: the largest part of any species",
-            ),
-        }
     )
-    balanced = balances(archive, wavelength, period, front, kink)
+    numbers |= {
+        "kink_velocity_scaled": quantity(kink.value / v, "1", "kink_velocity / v"),
+        "front_velocity_scaled": quantity(front.value / v, "1", "front_velocity / v"),
+        "cycle_period_scaled": quantity(period.value * v / length, "1", "cycle_period v / L"),
+        "wavelength_scaled": quantity(wavelength.value / r0, "1", "wavelength / R0"),
+        "volume_residual": quantity(
+            volume_residual(archive),
+            "1",
+            "poured, but neither rolling nor at rest: the largest part of any species",
+        ),
+    }
     for name, balance in balanced.items():
-        numbers = numbers.assign(_with_error(name, balance, *BALANCES[name]))
-    scalars = [name for name in told.data_vars if not told[name].dims]
-    thoughts = [told.attrs.get("comment", ""), unbalanced(balanced["period_residual"])]
+        numbers |= _with_error(name, balance, *BALANCES[name])
+    thoughts = [
+        layers.attrs.get("comment", "") if word != "unsettled" else "",
+        unbalanced(balanced["period_residual"]),
+    ]
     thoughts += [
         f"{name}: {lines.attrs['comment']}"
         for name, lines in (("kinks", strata.kinks()), ("fronts", strata.fronts()))
         if "comment" in lines.attrs
     ]
     comment = "\n".join(filter(None, thoughts))
-    return numbers.assign({name: told[name] for name in scalars}).assign_attrs(
-        {"comment": comment} if comment else {}
-    )
+    return xr.Dataset(numbers | told, attrs={"comment": comment} if comment else {})
 
 
-def _untold(layers: xr.Dataset) -> xr.Dataset:
-    """`layers` without the numbers of layers, of which too few were laid to tell."""
-    kept = [name for name in layers.data_vars if str(name).startswith("zone_")]
-    kept += ["layering", "pure_share", "layered_share", "segregation"]
-    return layers.where(False).assign({name: layers[name] for name in kept}).drop_attrs(deep=False)
+def _told(layers: xr.Dataset, word: str) -> dict[str, xr.Variable]:
+    """The scalars of `layers`; without the numbers of layers where too few were laid to tell."""
+    variables = {str(name): layers.variables[name] for name in layers.data_vars}
+    scalars = {name: told for name, told in variables.items() if not told.dims}
+    if word != "unsettled":
+        return scalars
+    return {
+        name: told if name.startswith("zone_") or name in OF_ANY else told.copy(data=UNKNOWN)
+        for name, told in scalars.items()
+    }
 
 
 def _with_error(name: str, number: Measured, units: str, long_name: str) -> dict[str, Any]:

@@ -8,6 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from experiment.archive import experiment_of
+from experiment.arrays import Floats
 
 __all__ = [
     "cell_height",
@@ -20,8 +21,11 @@ __all__ = [
     "named",
     "quantity",
     "rise_velocity",
+    "scaled_diameter",
+    "settled_height",
     "settled_since",
     "settled_thickness",
+    "slope_columns",
     "total_inflow",
     "velocity",
     "why_not_measured",
@@ -34,12 +38,12 @@ BARE = 0.1  # R0: what is laid thinner than this covers nothing
 
 def total_inflow(archive: xr.Dataset) -> float:
     """R0 = sum_a R_a^0 [cm]."""
-    return float(archive["inflow"].sum())
+    return float(archive["inflow"].values.sum())
 
 
 def flux(archive: xr.Dataset) -> float:
     """sum_a v_a R_a^0 [cm2/s]: what is poured per time and unit gap."""
-    return float((archive["inflow"] * archive["drift_velocity"]).sum())
+    return float((archive["inflow"].values * archive["drift_velocity"].values).sum())
 
 
 def velocity(archive: xr.Dataset) -> float:
@@ -72,6 +76,11 @@ def cell_height(archive: xr.Dataset) -> float:
     return float(z[1] - z[0])
 
 
+def slope_columns(archive: xr.Dataset) -> slice:
+    """The columns of the slope that is measured: that to the right of the source."""
+    return slice(int(np.searchsorted(archive["x"].values, 0.0, side="right")), None)
+
+
 def why_not_measured(archive: xr.Dataset) -> str | None:
     """Why a pour has no kinks and layers of one flow down one slope; None if it has."""
     experiment = experiment_of(archive)
@@ -88,14 +97,13 @@ def rise_velocity(archive: xr.Dataset) -> float:
     L is the length that grains cover, which in a heap grows, too; and what fell off an open end
     does not count.
     """
-    settled = archive.sel(time=slice(settled_since(archive), None))
-    slope = settled.isel(x=np.flatnonzero(archive["x"].values > 0))
-    laid = slope["height"] - slope["base_height"] > BARE * total_inflow(archive)
-    covered = laid.sum("x").mean("time") * cell_width(archive)
-    poured, lost = (
-        float((volume[-1] - volume[0]).sum())
-        for volume in (settled["poured_volume"], settled["outflow_volume"])
-    )
+    settled = archive["time"].values >= settled_since(archive)
+    slope = slope_columns(archive)
+    height, base = archive["height"].values[settled, slope], archive["base_height"].values[slope]
+    laid = height - base > BARE * total_inflow(archive)
+    covered = laid.sum(axis=1).mean() * cell_width(archive)
+    volumes = (archive[f"{name}_volume"].values[settled] for name in ("poured", "outflow"))
+    poured, lost = (float((volume[-1] - volume[0]).sum()) for volume in volumes)
     kept = 1.0 - lost / poured if poured > 0 else 1.0
     return flux(archive) * kept / float(covered) if covered > 0 else 0.0
 
@@ -105,11 +113,18 @@ def settled_since(archive: xr.Dataset) -> float:
     return float(archive["time"].values[-1]) * TRANSIENT_SHARE
 
 
+def settled_height(archive: xr.Dataset) -> Floats:
+    """Height (x,) [cm] of the pile when the transient was over, between two records."""
+    time, height, since = archive["time"].values, archive["height"].values, settled_since(archive)
+    k = int(np.searchsorted(time, since).clip(1))
+    growth = (height[k] - height[k - 1]) / (time[k] - time[k - 1])
+    settled: Floats = height[k - 1] + growth * (since - time[k - 1])
+    return settled
+
+
 def settled_thickness(archive: xr.Dataset) -> float:
     """Mean thickness [cm] of what was laid after the transient."""
-    height = archive["height"]
-    grown = height.isel(time=-1) - height.interp(time=settled_since(archive))
-    return float(grown.mean())
+    return float((archive["height"].values[-1] - settled_height(archive)).mean())
 
 
 def measured_columns(archive: xr.Dataset) -> NDArray[np.bool_]:
@@ -135,11 +150,16 @@ def coarseness(fraction: xr.DataArray, archive: xr.Dataset) -> xr.DataArray:
     For two species it is the fraction of the large one; for grains of one size it is the fraction
     of the last species.
     """
-    diameter = archive["grain_diameter"]
-    spread = float(diameter.max() - diameter.min())
+    return fraction.dot(xr.DataArray(scaled_diameter(archive), dims="species"), dim="species")
+
+
+def scaled_diameter(archive: xr.Dataset) -> Floats:
+    """Of each species (species,), from 0 to 1; of grains of one size that of the last is 1."""
+    diameter = archive["grain_diameter"].values
+    spread = diameter.max() - diameter.min()
     if spread > 0:
-        return fraction.dot((diameter - diameter.min()) / spread, dim="species")
-    return fraction.isel(species=-1, drop=True)
+        return np.asarray((diameter - diameter.min()) / spread)
+    return np.append(np.zeros(len(diameter) - 1), 1.0)
 
 
 def named(meaning: str, units: str = "1") -> dict[str, str]:

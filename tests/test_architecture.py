@@ -54,9 +54,12 @@ def test_nothing_is_compiled_or_drawn_at_import() -> None:
     script = (
         "import sys, ca_model, continuum, compare\n"
         "import ca_model.kernel.packets, ca_model.kernel.steps, continuum.kernel\n"
+        "import compare.deposit.kernel, compare.kymograph.kernel\n"
         "assert not continuum.kernel.take_steps.signatures\n"
         "assert not ca_model.kernel.packets.follow_packets.signatures\n"
         "assert not ca_model.kernel.steps.take_steps.signatures\n"
+        "assert not compare.deposit.kernel.extent.signatures\n"
+        "assert not compare.kymograph.kernel.switch.signatures\n"
         "assert 'matplotlib.pyplot' not in sys.modules\n"
         "assert 'zarr' not in sys.modules\n"
     )
@@ -69,10 +72,12 @@ def test_kernels_release_the_interpreter_and_are_cached_on_disk() -> None:
         "ca_model/kernel/steps.py": "take_steps",
         "ca_model/toppling/kernel.py": "advance_toppling",
         "continuum/kernel.py": "take_steps",
+        "compare/deposit/kernel.py": "average_along",
+        "compare/kymograph/kernel.py": "switch",
     }
     for file, entry in kernels.items():
         source = (ROOT / file).read_text()
         assert re.search(rf"@njit\(cache=True, nogil=True.*\)\ndef {entry}", source)
-    for package in ("ca_model", "continuum"):
+    for package in ("ca_model", "continuum", "compare"):
         for file in (ROOT / package).rglob("*.py"):
             assert "fastmath" not in file.read_text()

@@ -6,11 +6,12 @@ of two levels to beyond the other, HYSTERESIS of the column's range above and be
 place is half-way between where it passes the two.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from compare.deposit.kernel import boundaries
 from experiment.arrays import Floats
 
 __all__ = ["Counted", "Pairs", "count_layers", "count_pairs"]
@@ -21,7 +22,10 @@ BLOCKS = 5  # parts of the slope whose differences tell an error
 
 
 class Pairs(NamedTuple):
-    """The pairs of layers of one column, from below: thicknesses in cells of the deposit."""
+    """The pairs of layers of columns, from below; NaN past the last one of a column.
+
+    Thicknesses (pair, x), in cells of the deposit.
+    """
 
     pair: Floats
     small: Floats  # the lower sublayer
@@ -49,65 +53,60 @@ class Counted(NamedTuple):
 NOTHING = Counted(*(np.nan,) * 7, 0.0)
 
 
-def count_layers(columns: list[Pairs]) -> Counted:
-    """Means, errors and scatter of the pairs of `columns`."""
-    pairs = [one.pair for one in columns if len(one.pair)]
-    if not pairs:
+def count_layers(pairs: Pairs) -> Counted:
+    """Means, errors and scatter of `pairs`, over the columns that have some."""
+    number = np.isfinite(pairs.pair).sum(axis=0)
+    if not number.any():
         return NOTHING
-    pair, small, large = (
-        _mean_and_error([one[part] for one in columns if len(one.pair)]) for part in range(3)
-    )
-    every = np.concatenate(pairs)
+    pair, small, large = (_mean_and_error(part[:, number > 0]) for part in pairs)
+    every = _one_by_one(pairs.pair)
     spread = 1.4826 * float(np.median(np.abs(every - np.median(every))))
-    number = float(np.median([len(one.pair) for one in columns]))
-    return Counted(*pair, spread, *small, *large, number)
+    return Counted(*pair, spread, *small, *large, float(np.median(number[number > 0])))
 
 
-def count_pairs(profile: Floats) -> Pairs:
-    """The whole pairs of a column's `profile` (z,), which has no gaps."""
-    nothing = Pairs(np.zeros(0), np.zeros(0), np.zeros(0))
-    low, high = np.quantile(profile, (0.05, 0.95)) if len(profile) else (0.0, 0.0)
-    if high - low < FAINTEST:
-        return nothing
+def count_pairs(profiles: Floats) -> Pairs:
+    """The whole pairs in each column of `profiles` (z, x), NaN outside of the deposit."""
+    low, high = _quantiles(profiles, (0.05, 0.95))
     middle, half = (high + low) / 2, HYSTERESIS * (high - low)
-    falls = _passages(-profile, -middle - half, -middle + half)
-    rises = _passages(profile, middle - half, middle + half)
-    if len(falls) < 2:
-        return nothing
-    rises = rises[np.searchsorted(rises, falls[0]) :][: len(falls) - 1]
-    return Pairs(np.diff(falls), rises - falls[:-1], falls[1:] - rises)
+    layered = np.where(high - low >= FAINTEST, profiles, np.nan)
+    places = boundaries(layered, middle - half, middle + half)
+    falls = places[::2]
+    pair = np.diff(falls, axis=0)
+    rises = np.where(np.isfinite(pair), places[1::2][: len(pair)], np.nan)
+    return Pairs(pair, rises - falls[:-1], falls[1:] - rises)
 
 
-def _passages(values: Floats, lower: float, upper: float) -> Floats:
-    """Where `values` (z,) rise from below `lower` to above `upper`: half-way between."""
-    known = np.where(values > upper, 1, np.where(values < lower, 0, -1))
-    last = np.maximum.accumulate(np.where(known >= 0, np.arange(len(known)), -1))
-    state = np.where(last >= 0, known[last], -1)
-    after = np.flatnonzero((state[1:] == 1) & (state[:-1] == 0)) + 1
-    before = last[after - 1]
-    left = before + (lower - values[before]) / (values[before + 1] - values[before])
-    right = after - (values[after] - upper) / (values[after] - values[after - 1])
-    between: Floats = 0.5 * (left + right)
-    return between
+def _quantiles(profiles: Floats, shares: Sequence[float]) -> list[Floats]:
+    """Of the values of each column (x,), at each of the `shares`; NaN of an empty column."""
+    ordered = np.sort(profiles, axis=0)
+    last = np.isfinite(profiles).sum(axis=0) - 1
+    column = np.arange(profiles.shape[1])
+    found = []
+    for share in shares:
+        below = (share * last).astype(np.intp)
+        part = share * last - below
+        left, right = ordered[below, column], ordered[np.minimum(below + 1, last), column]
+        step = right - left
+        found.append(np.where(part < 0.5, left + part * step, right - (1 - part) * step))
+    return found
 
 
-def _mean_and_error(columns: list[Floats]) -> tuple[float, float]:
-    """Mean of the thicknesses in `columns`, and its standard error."""
-    number = int(np.median([len(one) for one in columns]))
-    newest = np.full((number, len(columns)), np.nan)
-    for i, one in enumerate(columns):
-        there = one[::-1][:number]
-        newest[: len(there), i] = there
-    cycles = np.array([row[np.isfinite(row)].mean() for row in newest if np.isfinite(row).any()])
-    blocks = np.array([part.mean() for part in _blocks(columns)])
+def _mean_and_error(values: Floats) -> tuple[float, float]:
+    """Mean of `values` (pair, x), and its standard error; every column has some."""
+    number = np.isfinite(values).sum(axis=0)
+    from_above = number - 1 - np.arange(int(np.median(number)))[:, None]
+    newest = np.where(from_above >= 0, np.take_along_axis(values, from_above, axis=0), np.nan)
+    cycles = np.array([_one_by_one(row).mean() for row in newest])
+    parts = np.array_split(values, BLOCKS, axis=1)
+    blocks = np.array([_one_by_one(part).mean() for part in parts if part.size])
     error = np.hypot(_error_of_mean(cycles), _error_of_mean(blocks))
-    return float(np.concatenate(columns).mean()), float(error)
+    return float(_one_by_one(values).mean()), float(error)
 
 
-def _blocks(columns: list[Floats]) -> list[Floats]:
-    """What BLOCKS successive parts of the slope hold, in this order; fewer of few columns."""
-    parts: list[NDArray[np.intp]] = np.array_split(np.arange(len(columns)), BLOCKS)
-    return [np.concatenate([columns[i] for i in part]) for part in parts if len(part)]
+def _one_by_one(values: Floats) -> Floats:
+    """Those of `values` (pair, x) that are known, column after column."""
+    known: Floats = values.T[np.isfinite(values.T)]
+    return known
 
 
 def _error_of_mean(values: Floats) -> float:

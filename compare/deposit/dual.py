@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from compare.deposit.kernel import squares_of_first
 from experiment.arrays import Floats
 
 __all__ = ["Plateaus", "plateaus"]
@@ -38,18 +39,13 @@ def plateaus(wavelength: Floats, x: Floats) -> Plateaus:
     shortest = max(3, int(n * SHORTEST))
     if n < 2 * shortest + 1:
         return ONE
-    cuts = np.arange(shortest, n - shortest)
-    left = [_squares(values[:k]) + _squares(values[k:]) for k in cuts]
-    k = int(cuts[int(np.argmin(left))])
+    above, below = squares_of_first(values), squares_of_first(values[::-1])[::-1]
+    left = above[shortest - 1 : n - shortest - 1] + below[shortest : n - shortest]
+    k = shortest + int(left.argmin())
     line = np.polynomial.Polynomial.fit(at, values, 1)
     straight = float(((values - line(at)) ** 2).sum())
     upper, lower = float(np.median(values[:k])), float(np.median(values[k:]))
     ratio = max(upper, lower) / min(upper, lower)
-    if ratio < STEP or min(left) > BETTER * straight:
+    if ratio < STEP or left.min() > BETTER * straight:
         return ONE
     return Plateaus(upper, lower, float((at[k - 1] + at[k]) / 2))
-
-
-def _squares(values: Floats) -> float:
-    """About their median, so that single columns that miscount do not decide."""
-    return float(np.abs(values - np.median(values)).sum()) ** 2 / len(values)

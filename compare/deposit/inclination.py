@@ -13,68 +13,51 @@ layer rises; the greatest likeness counts. The inclination is
 -rise / dx: a slope, downhill positive, as all slopes here.
 """
 
-from functools import cache
-from typing import Any
+from functools import lru_cache
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from compare.deposit.kernel import average_along
+from compare.deposit.profiles import Settled
+from compare.deposit.spectrum import Transform
 from experiment.arrays import Floats
 
-__all__ = ["along_layers", "rises", "settle"]
-
+__all__ = ["along_layers", "rises"]
 
 TRIED = 12  # distances
 
 
-def settle(coarse: Floats) -> tuple[Floats, NDArray[np.intp]]:
-    """The columns of `coarse` (z, x) let down to one floor, and from what height (x,) in cells.
-
-    NaN above them; so a deposit on a slope takes no more room than it is thick.
-    """
-    inside = np.isfinite(coarse)
-    floor = inside.argmax(axis=0)
-    top = np.where(inside.any(axis=0), len(coarse) - inside[::-1].argmax(axis=0), floor)
-    height = np.arange(max(1, int((top - floor).max())))[:, None] + floor
-    settled = np.take_along_axis(coarse, np.minimum(height, len(coarse) - 1), axis=0)
-    return np.where(height < top, settled, np.nan), floor
-
-
-def _surface_slope(coarse: Floats, floor: NDArray[np.intp]) -> float:
+def _surface_slope(deposit: Settled) -> float:
     """By how many cells the top falls a column, by the median; NaN for less than two columns."""
-    inside = np.isfinite(coarse)
-    there = np.flatnonzero(inside.any(axis=0))
+    there = np.flatnonzero(deposit.height)
     if len(there) < 2:
         return np.nan
     there = there[:: max(1, len(there) // 200)]
-    top = floor[there] + len(coarse) - inside[::-1, there].argmax(axis=0)
+    top = deposit.floor[there] + deposit.height[there]
     return float(-scipy.stats.theilslopes(top, there).slope)
 
 
-def rises(coarse: Floats, floor: NDArray[np.intp], lag: float, farthest: int, width: int) -> Floats:
+def rises(
+    deposit: Settled, transformed: Transform, lag: float, farthest: int, width: int
+) -> Floats:
     """By how many cells layers `lag` thick rise from each column to the next, (x - 1,).
 
-    Of columns (z, x) that were let down from the height `floor` (x,). `width` pairs of columns are
-    taken together, at most `farthest` columns apart.
+    `width` pairs of columns of the `deposit`, which is also given `transformed`, are taken
+    together, at most `farthest` columns apart.
     """
-    columns = coarse.shape[1]
-    surface = _surface_slope(coarse, floor)
+    rows, columns = deposit.coarse.shape
+    surface = _surface_slope(deposit)
     if not np.isfinite(surface):
         return np.zeros(columns - 1)
     farthest = max(1, min(farthest, columns // 4))
-    spectrum = _spectrum(coarse)
-
-    @cache
-    def like(apart: int) -> Floats:
-        product = np.conj(spectrum[:, :-apart]) * spectrum[:, apart:]
-        correlated: Floats = scipy.fft.irfft(product, _size(coarse), axis=0)
-        return correlated
+    like = lru_cache(1)(transformed.between)
 
     def follow(slope: float, apart: int, reach: float) -> tuple[Floats, Floats]:
-        fallen = floor[:-apart] - floor[apart:]
+        fallen = deposit.floor[:-apart] - deposit.floor[apart:]
         near = round(-slope * apart) + fallen
-        shift, likeness = _shifts(like(apart), len(coarse), near, reach, width)
+        shift, likeness = _shifts(like(apart), rows, near, reach, width)
         return (shift - fallen) / apart, likeness
 
     stepwise, apart = surface, 1
@@ -121,37 +104,10 @@ def _weighted_median(values: Floats, weights: Floats) -> float:
     return float(values[order][np.searchsorted(below, 0.5 * below[-1])])
 
 
-def along_layers(coarse: Floats, floor: NDArray[np.intp], rise: Floats, width: int) -> Floats:
-    """`coarse` (z, x) averaged over `width` columns, each shifted to follow the layers.
+def along_layers(deposit: Settled, rise: Floats, width: int) -> Floats:
+    """The coarseness (z, x) averaged over `width` columns, each shifted to follow the layers.
 
-    As :func:`settle` gives it with its `floor` (x,); `rise` (x - 1,) is from :func:`rises`.
+    These rise as :func:`rises` tells, (x - 1,).
     """
-    z, x = np.arange(len(coarse))[:, None], np.arange(coarse.shape[1])
-    place = np.concatenate([[0.0], np.cumsum(rise)]) - floor
-    inside = np.isfinite(coarse)
-    filled = np.where(inside, coarse, 0.0)
-    total, number = np.zeros(coarse.shape), np.zeros(coarse.shape)
-    last = len(coarse) - 1, coarse.shape[1] - 1
-    for beside in range(-(width // 2), width // 2 + 1):
-        column = np.clip(x + beside, 0, last[1])
-        row = z + np.round(place[column] - place).astype(np.intp)
-        there = (row >= 0) & (row <= last[0]) & (column == x + beside)
-        row = np.clip(row, 0, last[0])
-        there &= inside[row, column]
-        total += np.where(there, filled[row, column], 0.0)
-        number += there
-    known = inside & (number > 0)
-    return np.where(known, total / np.where(known, number, 1.0), np.nan)
-
-
-def _spectrum(coarse: Floats) -> NDArray[np.complexfloating[Any]]:
-    """The transform of each column's c'."""
-    inside = np.isfinite(coarse)
-    mean = np.where(inside, coarse, 0.0).sum(axis=0) / np.maximum(inside.sum(axis=0), 1)
-    varying = np.where(inside, coarse - mean, 0.0)
-    return np.asarray(scipy.fft.rfft(varying, _size(coarse), axis=0))
-
-
-def _size(coarse: Floats) -> int:
-    """Of a transform in which columns do not meet their own ends."""
-    return int(scipy.fft.next_fast_len(2 * len(coarse), real=True))
+    place: Floats = np.concatenate([[0.0], np.cumsum(rise)]) - deposit.floor
+    return average_along(deposit.coarse, place, width)

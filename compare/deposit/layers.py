@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from compare.deposit.counting import Counted, count_layers, count_pairs
 from compare.deposit.dual import Plateaus, plateaus
-from compare.deposit.inclination import along_layers, rises, settle
+from compare.deposit.inclination import along_layers, rises
+from compare.deposit.kernel import smooth
 from compare.deposit.order import (
     FEWEST,
     coherence,
@@ -26,10 +27,10 @@ from compare.deposit.order import (
     repeats,
     together,
 )
-from compare.deposit.profiles import settled_coarseness
-from compare.deposit.spectrum import Correlation, Repeat, correlate
+from compare.deposit.profiles import Settled, let_down, settled
+from compare.deposit.spectrum import Correlation, Repeat, Transform, transform
 from compare.deposit.zones import LAYERED_SHARE, zones
-from compare.quantities import measured_columns, quantity
+from compare.quantities import cell_height, measured_columns, quantity, slope_columns
 from experiment.arrays import Floats
 
 __all__ = ["layers", "layers_of"]
@@ -88,10 +89,9 @@ IN_PLACE = {
 
 def layers(archive: xr.Dataset) -> xr.Dataset:
     """Layers of the settled part of a pour, in its measured columns; see :func:`layers_of`."""
-    coarse = settled_coarseness(archive)
-    slope = coarse["x"].values > 0
-    grain = float(archive["grain_diameter"].mean())
-    return layers_of(coarse.isel(x=slope), measured_columns(archive)[slope], grain)
+    slope = slope_columns(archive)
+    chosen, grain = measured_columns(archive)[slope], float(archive["grain_diameter"].mean())
+    return _layers(settled(archive), archive["x"][slope], cell_height(archive), chosen, grain)
 
 
 def layers_of(
@@ -106,21 +106,29 @@ def layers_of(
     layering 0, where there are no layers. The attribute `comment`, where it is there, tells what
     should be looked at twice.
     """
-    values, floor = settle(np.asarray(coarse.values, dtype=np.float64))
-    x = coarse["x"].values
-    chosen = np.ones(len(x), bool) if measured is None else measured
-    dz, dx = _spacing(coarse["z"].values), _spacing(x)
-    correlation = correlate(values)
+    deposit = let_down(np.asarray(coarse.values, dtype=np.float64))
+    chosen = np.ones(coarse.sizes["x"], bool) if measured is None else measured
+    return _layers(deposit, coarse["x"], _spacing(coarse["z"].values), chosen, grain)
+
+
+def _layers(
+    deposit: Settled, place: xr.DataArray, dz: float, chosen: NDArray[np.bool_], grain: float
+) -> xr.Dataset:
+    """Layers of a `deposit` with columns at `place` (x,), in those that are `chosen` (x,)."""
+    x = place.values
+    dx = _spacing(x)
+    transformed = transform(deposit.coarse)
+    correlation = transformed.with_itself()
     pooled = correlation.pooled(chosen)
     repeat = pooled.repeat(THINNEST * grain / dz)
     local = repeats(correlation.neighbourly(together(len(x))), repeat)
-    followed = _follow(values, floor, repeat, dz / dx)
-    mean = column_mean(values)
+    followed = _follow(deposit, transformed, repeat, dz / dx)
+    mean = column_mean(deposit.coarse)
     shares = zones(x, mean, local.strength, followed.coherence, followed.regularity)
     found = {"layering": repeat.strength} | shares
     if shares["layered_share"] >= LAYERED_SHARE:
         layered = chosen & (local.strength >= CLEAR * repeat.strength)
-        found |= _numbers(pooled, repeat, followed, layered, coarse)
+        found |= _numbers(pooled, repeat, followed, layered, x, dz)
         found |= _drift(x[layered], local.lag[layered] * dz)
     comment = _second_thoughts(found, dz)
     in_place = (
@@ -136,7 +144,7 @@ def layers_of(
             name: quantity(array, *told, dims=("x",))
             for (name, told), array in zip(IN_PLACE.items(), in_place, strict=True)
         },
-        {"x": coarse["x"]},
+        {"x": place},
         {"comment": comment} if comment else {},
     )
 
@@ -150,15 +158,16 @@ class _Followed(NamedTuple):
     regularity: Floats  # (x,)
 
 
-def _follow(values: Floats, floor: NDArray[np.intp], repeat: Repeat, aspect: float) -> _Followed:
-    """Averages along the layers of `values` (z, x); `aspect` is that of a cell, dz / dx."""
+def _follow(deposit: Settled, transformed: Transform, repeat: Repeat, aspect: float) -> _Followed:
+    """Averages along the layers of the `deposit`; `aspect` is that of a cell, dz / dx."""
+    values = deposit.coarse
     columns = values.shape[1]
     if not np.isfinite(repeat.lag):
         nothing = np.zeros(columns)
         return _Followed(np.full(values.shape, np.nan), nothing[1:], nothing, nothing)
-    rise = rises(values, floor, repeat.lag, int(repeat.lag * aspect), together(columns))
-    raw = along_layers(values, floor, rise, together(columns))
-    profiles = _smooth(raw, repeat.lag / SMOOTHED)
+    rise = rises(deposit, transformed, repeat.lag, int(repeat.lag * aspect), together(columns))
+    raw = along_layers(deposit, rise, together(columns))
+    profiles = smooth(raw, max(1, int(repeat.lag / SMOOTHED)))
     return _Followed(profiles, rise, coherence(values, raw), regularity(profiles, repeat))
 
 
@@ -167,17 +176,16 @@ def _numbers(
     repeat: Repeat,
     followed: _Followed,
     layered: NDArray[np.bool_],
-    coarse: xr.DataArray,
+    x: Floats,
+    dz: float,
 ) -> dict[str, float]:
     """What counting in the columns that are `layered` (x,) adds to the `repeat` of all columns."""
-    x, dz = coarse["x"].values, _spacing(coarse["z"].values)
-    columns = [count_pairs(column[np.isfinite(column)]) for column in followed.profiles.T]
-    counted = count_layers([columns[i] for i in np.flatnonzero(layered)])
-    at = np.array([one.pair.mean() if len(one.pair) else np.nan for one in columns])
-    steps = plateaus(np.where(layered, at, np.nan) * dz, x)
-    lag, pairs = _cycle(pooled, repeat, counted, followed.regularity[layered], steps)
+    pairs = count_pairs(followed.profiles[:, layered])
+    counted = count_layers(pairs)
+    steps = plateaus(column_mean(pairs.pair) * dz, x[layered])
+    lag, number = _cycle(pooled, repeat, counted, followed.regularity[layered], steps)
     inclined = _middle(-followed.rise[layered[:-1] & layered[1:]] * dz / _spacing(x))
-    wavelengths = _wavelengths(lag * dz, pairs, counted, dz, inclined)
+    wavelengths = _wavelengths(lag * dz, number, counted, dz, inclined)
     return wavelengths | dict(zip(STEPS, steps, strict=True))
 
 
@@ -194,7 +202,7 @@ def _cycle(
     pairs = max(1.0, float(np.round(repeat.lag / counted.pair)))
     seen_often = counted.number >= CYCLES * pairs
     in_order = np.isnan(steps.x) and np.median(regular) >= UNLIKE
-    near = pooled.repeat_near(counted.pair, 0)
+    near = Repeat(*(float(part[0]) for part in pooled.repeats_near(counted.pair)))
     as_good = near.strength >= NEARLY * repeat.strength and not in_order
     if pairs > 1 and np.isfinite(near.lag) and (as_good or not seen_often):
         return near.lag, 1.0
@@ -228,16 +236,6 @@ def _wavelengths(
         "inclination": slope,
         "inclination_error": slope_error,
     }
-
-
-def _smooth(profiles: Floats, cells: float) -> Floats:
-    """The columns of `profiles` (z, x), NaN outside, averaged over so many `cells` along z."""
-    smooth = np.full(profiles.shape, np.nan)
-    for i, column in enumerate(profiles.T):
-        there = np.isfinite(column)
-        if there.any():
-            smooth[there, i] = scipy.ndimage.uniform_filter1d(column[there], max(1, int(cells)))
-    return smooth
 
 
 def _drift(x: Floats, wavelength: Floats) -> dict[str, float]:

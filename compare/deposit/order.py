@@ -6,11 +6,9 @@ coherence    how much of the variance an average along the layers keeps, from 0 
 regularity   how much of the variance of such an average repeats
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
-from compare.deposit.spectrum import Correlation, Repeat, correlate
+from compare.deposit.spectrum import Correlation, Repeat, Repeats, correlate
 from experiment.arrays import Floats
 
 __all__ = ["FEWEST", "coherence", "column_mean", "regularity", "repeats", "together"]
@@ -20,13 +18,6 @@ FEWEST, MOST = 5, 41  # columns of it
 LEAST_VARIANCE = 1e-6  # of coarseness, below which nothing varies
 
 
-class Repeats(NamedTuple):
-    """The repeat in each column and its neighbours, (x,)."""
-
-    lag: Floats
-    strength: Floats
-
-
 def together(columns: int) -> int:
     """How many of the columns are looked at together, an odd number."""
     return min(max(FEWEST, columns // TOGETHER), MOST) | 1
@@ -34,11 +25,10 @@ def together(columns: int) -> int:
 
 def repeats(near: Correlation, repeat: Repeat) -> Repeats:
     """The repeat nearest to that of all columns in each one, `near` with its neighbours."""
-    columns = near.sums.shape[1]
     if not np.isfinite(repeat.lag):
+        columns = near.sums.shape[1]
         return Repeats(np.full(columns, np.nan), np.zeros(columns))
-    found = [near.repeat_near(repeat.lag, i) for i in range(columns)]
-    return Repeats(np.array([one.lag for one in found]), np.array([one.strength for one in found]))
+    return near.repeats_near(repeat.lag)
 
 
 def coherence(coarse: Floats, profiles: Floats) -> Floats:

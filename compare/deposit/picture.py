@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from compare.deposit.inclination import settle
+from compare.deposit.profiles import let_down
 from compare.quantities import coarseness
 from experiment.arrays import Floats
 
@@ -19,7 +19,7 @@ def picture_of(archive: xr.Dataset) -> Floats:
     Each is the mean of what lies there, in pictures of one SHAPE.
     """
     deposit = coarseness(archive["deposit_fraction"], archive).transpose("z", "x")
-    coarse, _ = settle(deposit.values.astype(np.float64))
+    coarse = let_down(deposit.values.astype(np.float64)).coarse
     inside = np.isfinite(coarse)
     total, number = (_blocks(values) for values in (np.where(inside, coarse, 0.0), inside * 1.0))
     return np.where(number > 0, total / np.maximum(number, 1.0), np.nan).astype(PIXEL)

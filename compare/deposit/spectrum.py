@@ -13,15 +13,16 @@ is the amplitude of what repeats, 2 sqrt(A(wavelength)): 1 for equal layers of p
 large grains.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from compare.deposit.kernel import extent, highest_near, summit
 from experiment.arrays import Floats
 
-__all__ = ["Correlation", "Repeat", "correlate"]
+__all__ = ["Correlation", "Repeat", "Repeats", "Transform", "correlate", "transform"]
 
 AS_HIGH_AS = 0.8  # of the highest peak
 WEAKEST = 0.1  # strength that still counts as a layering
@@ -37,6 +38,13 @@ class Repeat(NamedTuple):
 
 
 NOTHING = Repeat(np.nan, 0.0)
+
+
+class Repeats(NamedTuple):
+    """The repeat in each of several columns, (x,)."""
+
+    lag: Floats
+    strength: Floats
 
 
 class Correlation(NamedTuple):
@@ -60,7 +68,7 @@ class Correlation(NamedTuple):
 
     def repeat(self, shortest: float = 0.0) -> Repeat:
         """Of a single column: where it repeats, unless that is below the `shortest` lag."""
-        a, share = self._normalized(0)
+        a, share = self._normalized()
         negative = np.flatnonzero(a < 0)
         if not len(negative):
             return NOTHING
@@ -71,49 +79,73 @@ class Correlation(NamedTuple):
             return NOTHING
         chosen = int(peaks[counted >= AS_HIGH_AS * counted.max()][0])
         strength = float(2.0 * np.sqrt(a[chosen]))
-        repeat = Repeat(_summit(a, chosen), strength)
+        repeat = Repeat(float(summit(a, chosen)), strength)
         return repeat if strength >= WEAKEST and repeat.lag >= shortest else NOTHING
 
-    def repeat_near(self, lag: float, column: int) -> Repeat:
-        """As :meth:`repeat`, but the highest peak near `lag`."""
-        a, _ = self._normalized(column)
-        peaks = scipy.signal.find_peaks(a)[0]
-        near = peaks[np.abs(peaks - lag) < NEAR * lag]
-        if not len(near) or a[near].max() <= 0:
-            return NOTHING
-        chosen = int(near[a[near].argmax()])
-        return Repeat(_summit(a, chosen), float(2.0 * np.sqrt(a[chosen])))
+    def repeats_near(self, lag: float) -> Repeats:
+        """As :meth:`repeat`, but of each column, and the highest peak near `lag`."""
+        place, height = highest_near(self.sums, self.terms, FEWEST_TERMS, lag, NEAR * lag)
+        return Repeats(place, 2.0 * np.sqrt(height))
 
-    def _normalized(self, column: int) -> tuple[Floats, Floats]:
-        """A(lag) and the share of the terms, at the lags that leave enough of them."""
-        terms = self.terms[:, column]
+    def _normalized(self) -> tuple[Floats, Floats]:
+        """Of a single column A(lag) and the share of the terms, at lags that leave enough."""
+        sums, terms = self.sums[:, 0], self.terms[:, 0]
         if not terms[0]:
             return np.zeros(0), np.zeros(0)
         share = terms / terms[0]
         kept = int(np.argmax(np.append(share, 0.0) < FEWEST_TERMS))
-        return self.sums[:kept, column] / terms[:kept], share[:kept]
+        return sums[:kept] / terms[:kept], share[:kept]
+
+
+class Transform(NamedTuple):
+    """The transform of c' in each column, by which columns are correlated."""
+
+    spectrum: NDArray[np.complexfloating[Any]]  # (frequency, x)
+    terms: Floats  # (lag, x)
+
+    def with_itself(self) -> Correlation:
+        """Each column correlated with itself."""
+        sums = _back(np.abs(self.spectrum) ** 2, len(self.terms))
+        return Correlation(sums[: len(self.terms)], self.terms)
+
+    def between(self, apart: int) -> Floats:
+        """sum_z c'(x, z) c'(x + apart, z + lag) of columns so far `apart`, (lag, x - apart).
+
+        Lags below 0 are counted from the end.
+        """
+        product = np.conj(self.spectrum[:, :-apart]) * self.spectrum[:, apart:]
+        return _back(product, len(self.terms))
+
+
+def transform(coarse: Floats) -> Transform:
+    """That of the columns of `coarse` (z, x), NaN outside of the deposit."""
+    inside = np.isfinite(coarse)
+    number = inside.sum(axis=0)
+    mean = np.where(inside, coarse, 0.0).sum(axis=0) / np.maximum(number, 1)
+    terms = np.maximum(number - np.arange(len(coarse))[:, None], 0.0)
+    begin, end = extent(coarse, np.zeros_like(number))
+    gaps = end - begin > number
+    if gaps.any():
+        spectrum = _forth(inside[:, gaps].astype(np.float64))
+        terms[:, gaps] = np.round(_back(np.abs(spectrum) ** 2, len(coarse)))[: len(coarse)]
+    return Transform(_forth(np.where(inside, coarse - mean, 0.0)), terms)
 
 
 def correlate(coarse: Floats) -> Correlation:
     """Each column of `coarse` (z, x), NaN outside of the deposit, correlated with itself."""
-    inside = np.isfinite(coarse)
-    number = inside.sum(axis=0)
-    mean = np.where(inside, coarse, 0.0).sum(axis=0) / np.maximum(number, 1)
-    varying = np.where(inside, coarse - mean, 0.0)
-    return Correlation(_with_itself(varying), np.round(_with_itself(inside.astype(np.float64))))
+    return transform(coarse).with_itself()
 
 
-def _with_itself(values: Floats) -> Floats:
-    """sum_z values(z) values(z + lag) of each column, (lag, x)."""
-    n = len(values)
-    size = scipy.fft.next_fast_len(2 * n, real=True)
-    spectrum = scipy.fft.rfft(values, size, axis=0)
-    sums: Floats = scipy.fft.irfft(np.abs(spectrum) ** 2, size, axis=0)[:n]
-    return sums
+def _forth(values: Floats) -> NDArray[np.complexfloating[Any]]:
+    """Of columns (z, x), so long that they do not meet their own ends."""
+    return np.asarray(scipy.fft.rfft(values, _size(len(values)), axis=0))
 
 
-def _summit(values: Floats, k: int) -> float:
-    """Place of the maximum of the parabola through three neighbouring values."""
-    left, middle, right = values[k - 1 : k + 2]
-    bend = left - 2 * middle + right
-    return float(k + 0.5 * (left - right) / bend) if bend < 0 else float(k)
+def _back(spectrum: NDArray[Any], rows: int) -> Floats:
+    """Back to (lag, x), from columns of so many `rows`."""
+    values: Floats = scipy.fft.irfft(spectrum, _size(rows), axis=0)
+    return values
+
+
+def _size(rows: int) -> int:
+    return int(scipy.fft.next_fast_len(2 * rows, real=True))

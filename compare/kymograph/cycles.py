@@ -29,9 +29,10 @@ def mean_velocity(lines: xr.Dataset) -> tuple[float, float]:
 
     A line weighs as much as the length on which it was seen in the measured columns.
     """
-    told = lines.isel(event=np.isfinite(lines["velocity"].values))
-    seen = np.isfinite(told["passage"].values[:, told["measured"].values]).sum(axis=1)
-    return median_and_error(told["velocity"].values, told["velocity_error"].values, seen)
+    velocity, error = lines["velocity"].values, lines["velocity_error"].values
+    seen = np.isfinite(lines["passage"].values[:, lines["measured"].values]).sum(axis=1)
+    told = np.isfinite(velocity)
+    return median_and_error(velocity[told], error[told], seen[told])
 
 
 def median_and_error(values: Floats, errors: Floats, weights: Floats) -> tuple[float, float]:
@@ -46,7 +47,7 @@ def median_and_error(values: Floats, errors: Floats, weights: Floats) -> tuple[f
     middle = median(values, weights)
     n = float(weights.sum() ** 2 / (weights**2).sum())
     if n < MANY:
-        student = scipy.stats.t.ppf(scipy.stats.norm.cdf(1.0), max(n - 1.0, 1.0))
+        student = scipy.special.stdtrit(max(n - 1.0, 1.0), float(scipy.special.ndtr(1.0)))
         scatter = float(student * np.sqrt(np.cov(values, aweights=weights)))
     else:
         scatter = 1.4826 * median(np.abs(values - middle), weights)

@@ -114,7 +114,7 @@ def _powers(u: Floats, degree: int) -> Floats:
 
 def _solve(basis: Floats, t: Floats, weight: Floats, enough: Bools) -> Floats:
     """Coefficients (line, degree + 1) by weighted least squares, 0 where there is not enough."""
-    weighted = np.swapaxes(basis * weight[..., None], 1, 2)
+    weighted = np.swapaxes(basis, 1, 2) * weight[:, None]
     normal = weighted @ basis
     normal[~enough] = np.eye(basis.shape[-1])
     solved: Floats = np.linalg.solve(normal, weighted @ t[..., None])[..., 0]

@@ -22,6 +22,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from compare.kymograph.kernel import switch
 from experiment.arrays import Floats, Ints
 
 __all__ = ["Crossings", "alarms", "crossings", "noise_of", "quieten"]
@@ -79,16 +80,7 @@ def alarms(flow: Floats, noise: float, rolled: float = np.inf) -> NDArray[np.boo
     """
     least = BRIEF * flow.shape[1] / rolled
     to_start, to_stop = (max(least, _alarm(noise, margin)) for margin in (ON, 1.0 - OFF))
-    rolls = np.empty(flow.shape, dtype=bool)
-    state = flow[0] > ON
-    total = np.zeros(flow.shape[1])
-    for k, now in enumerate(flow):
-        total = np.maximum(total + np.where(state, OFF - now, now - ON), 0.0)
-        switches = total > np.where(state, to_stop, to_start)
-        state = state ^ switches
-        total[switches] = 0.0
-        rolls[k] = state
-    return rolls
+    return switch(flow, ON, OFF, to_start, to_stop)
 
 
 def crossings(

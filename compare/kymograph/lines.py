@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from compare.kymograph.fit import Curves, fit
 from compare.kymograph.flow import Crossings, alarms, crossings, quieten
@@ -22,15 +23,17 @@ FEWEST = 5  # columns in which it was seen
 LEAST_JUMP = 0.25  # of R0, by which R differs on both sides of a line
 FASTEST = 3.0  # times as fast as grains: what seems to go faster still is no line
 NEAR_END = 0.2  # of the slope: what is born there was born at the end
+Bools = NDArray[np.bool_]
 Rows = dict[str, tuple[Any, Any, str, str]]  # dims, values, units and meaning by name
 
 
 class Lines(NamedTuple):
-    """Linked lines in order of time, (line, x) [s], NaN where a line was not seen."""
+    """Linked lines of both kinds in order of time; NaN where a line was not seen."""
 
-    passage: Floats
-    before: Floats  # since the crossing before, of the other kind
-    after: Floats  # until the next one
+    passage: Floats  # (line, x) [s]
+    before: Floats  # (line, x) [s] since the crossing before, of the other kind
+    after: Floats  # (line, x) [s] until the next one
+    rising: Bools  # (line,) whether the flow sets in, in a front; else it stops, in a kink
 
 
 def kinks(archive: xr.Dataset) -> xr.Dataset:
@@ -74,55 +77,61 @@ def kinks_and_fronts(archive: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
     hidden = hidden_growth(slope.height, rolling)
     records = Sampling(interval, drift, slope.length, width, smoothed, noise, hidden)
     stops, starts = crossings(slope.time, flow, rolling)
-    return compared(
-        _dataset(slope, records, stops, rising=False),
-        _dataset(slope, records, starts, rising=True),
-    )
-
-
-def _dataset(slope: Slope, records: Sampling, found: Crossings, *, rising: bool) -> xr.Dataset:
-    lines = _lines(slope, records, found, rising=rising)
+    lines = _lines(slope, records, (stops, starts))
     path = fit(slope.x, lines.passage, 2, records.least)
     motion = _motion(slope, records, lines, path)
-    velocities = motion["velocity"][1]
     rows: Rows = {
         "passage": (("event", "x"), lines.passage, "s", "time of passage"),
         **motion,
-        **_life(slope, lines, rising=rising),
-        **_beside(slope, records, lines, path, velocities, rising=rising),
+        **_life(slope, lines),
+        **_beside(slope, records, lines, path, motion["velocity"][1]),
     }
+    jump = rows["upstream"][1].sum(axis=1) - rows["downstream"][1].sum(axis=1)
+    parted = jump > LEAST_JUMP * slope.inflow
+    return compared(
+        _dataset(slope, records, rows, parted & ~lines.rising),
+        _dataset(slope, records, rows, parted & lines.rising),
+    )
+
+
+def _dataset(slope: Slope, records: Sampling, rows: Rows, chosen: Bools) -> xr.Dataset:
+    """The `chosen` ones (line,) of the lines that `rows` are about."""
+    told: Rows = {name: (dims, every[chosen], *said) for name, (dims, every, *said) in rows.items()}
     coordinates: Rows = {
         "x": ("x", slope.x, "cm", "distance from the pouring point"),
         "measured": ("x", slope.measured, "", "whether velocities are taken here"),
     }
-    jump = rows["upstream"][1].sum(axis=1) - rows["downstream"][1].sum(axis=1)
-    parts = np.flatnonzero(jump > LEAST_JUMP * slope.inflow)
-    lines_told = xr.Dataset(_variables(rows), _variables(coordinates)).isel(event=parts)
-    return lines_told.assign_attrs(
-        records.attributes(
-            lines_told["passage"].values[:, slope.measured],
-            lines_told["velocity"].values,
-            lines_told["velocity_error"].values,
-        )
+    attributes = records.attributes(
+        told["passage"][1][:, slope.measured], told["velocity"][1], told["velocity_error"][1]
     )
+    return xr.Dataset(_variables(told), _variables(coordinates), attributes)
 
 
-def _lines(slope: Slope, records: Sampling, found: Crossings, *, rising: bool) -> Lines:
+def _lines(slope: Slope, records: Sampling, found: tuple[Crossings, Crossings]) -> Lines:
     """The lines that count: long enough, going the right way, after the transient."""
+    tables = [_linked(slope, records, crossings) for crossings in found]
+    table = np.concatenate(tables, axis=1)
+    rising = np.repeat([False, True], [one.shape[1] for one in tables])
+    middle = np.nanmean(table[0], axis=1)
+    lasts = np.nanmax(table[0], axis=1) - np.nanmin(table[0], axis=1) > LASTS * records.interval
+    kept = lasts & (middle > slope.settled)
+    order = np.flatnonzero(kept)[np.argsort(middle[kept])]
+    passage, before, after = table[:, order]
+    course = fit(slope.x, passage, 1, records.least)
+    slowness = course.coefficient[:, 1] / course.half * np.where(rising[order], 1.0, -1.0)
+    slowest = slowness + 2.0 * course.error[:, 1] / course.half
+    possible = (slowness > 0.0) & (slowest * records.drift > 1.0 / FASTEST)
+    return Lines(*(every[possible] for every in (passage, before, after, rising[order])))
+
+
+def _linked(slope: Slope, records: Sampling, found: Crossings) -> Floats:
+    """Times, before and after (3, line, x) of lines that were seen in enough columns."""
     number = link(found, records.interval)
     seen = np.bincount(number)
     table = np.full((3, len(seen), len(slope.x)), np.nan)
     table[:, number, found.column] = found.time, found.before, found.after
-    table = table[:, seen >= max(FEWEST, SHORTEST * len(slope.x))]
-    middle = np.nanmean(table[0], axis=1)
-    course = fit(slope.x, table[0], 1, records.least)
-    slowness = course.coefficient[:, 1] / course.half * (1.0 if rising else -1.0)
-    slowest = slowness + 2.0 * course.error[:, 1] / course.half
-    possible = (slowness > 0.0) & (slowest * records.drift > 1.0 / FASTEST)
-    lasts = np.nanmax(table[0], axis=1) - np.nanmin(table[0], axis=1) > LASTS * records.interval
-    kept = possible & lasts & (middle > slope.settled)
-    order = np.flatnonzero(kept)[np.argsort(middle[kept])]
-    return Lines(*table[:, order])
+    enough: Floats = table[:, seen >= max(FEWEST, SHORTEST * len(slope.x))]
+    return enough
 
 
 def _motion(slope: Slope, records: Sampling, lines: Lines, path: Curves) -> Rows:
@@ -156,9 +165,10 @@ def _motion(slope: Slope, records: Sampling, lines: Lines, path: Curves) -> Rows
     }
 
 
-def _life(slope: Slope, lines: Lines, *, rising: bool) -> Rows:
-    """Where and when lines begin and end."""
-    first, last = _ends(lines.passage, rising=rising)
+def _life(slope: Slope, lines: Lines) -> Rows:
+    """Where and when lines begin and end: fronts go downhill, kinks uphill."""
+    top, bottom = _ends(lines.passage)
+    first, last = np.where(lines.rising, (top, bottom), (bottom, top))
     line = np.arange(len(first))
     birth_x = slope.x[first]
     upper, lower = NEAR_END * slope.length, (1.0 - NEAR_END) * slope.length
@@ -173,26 +183,20 @@ def _life(slope: Slope, lines: Lines, *, rising: bool) -> Rows:
 
 
 def _beside(
-    slope: Slope,
-    records: Sampling,
-    lines: Lines,
-    path: Curves,
-    velocities: Floats,
-    *,
-    rising: bool,
+    slope: Slope, records: Sampling, lines: Lines, path: Curves, velocities: Floats
 ) -> Rows:
     """Width, and the rolling layer on either side."""
-    first, last = _ends(lines.passage, rising=True)
-    line = np.arange(len(first))
+    top, bottom = _ends(lines.passage)
+    line = np.arange(len(top))
     there = np.isfinite(lines.passage)
     before, after = (np.where(there, rest, np.nan) for rest in (lines.before, lines.after))
-    seen = profiles(slope.time, slope.thickness, path.at(slope.x), before, after, rising=rising)
-    life = np.abs(lines.passage[line, last] - lines.passage[line, first])
+    seen = profiles(slope.time, slope.thickness, path.at(slope.x), before, after, lines.rising)
+    life = np.abs(lines.passage[line, bottom] - lines.passage[line, top])
     mean = np.divide(
-        slope.x[last] - slope.x[first], life, where=life > 0, out=np.full(len(life), np.nan)
+        slope.x[bottom] - slope.x[top], life, where=life > 0, out=np.full(len(life), np.nan)
     )
     speed = np.where(np.isfinite(velocities), np.abs(velocities), mean)
-    relative = slope.drift - (speed if rising else -speed)[:, None]
+    relative = slope.drift - np.where(lines.rising, speed, -speed)[:, None]
     share = np.divide(seen.calm, seen.flowing, where=seen.flowing > 0, out=np.zeros_like(seen.calm))
     per_species = ("event", "species")
     return {
@@ -220,12 +224,10 @@ def _beside(
     }
 
 
-def _ends(passage: Floats, *, rising: bool) -> tuple[Ints, Ints]:
-    """Columns (line,) in which a line is seen first and last, in the order of its travel."""
+def _ends(passage: Floats) -> tuple[Ints, Ints]:
+    """The uppermost and the lowest column (line,) in which a line is seen."""
     there = np.isfinite(passage)
-    upper = there.argmax(axis=1)
-    lower = passage.shape[1] - 1 - there[:, ::-1].argmax(axis=1)
-    return (upper, lower) if rising else (lower, upper)
+    return there.argmax(axis=1), passage.shape[1] - 1 - there[:, ::-1].argmax(axis=1)
 
 
 def _variables(rows: Rows) -> dict[str, tuple[Any, Any, dict[str, str]]]:

@@ -8,7 +8,9 @@ at rest; each level is the mean from a quarter of the way to the end of its side
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from compare.kymograph.kernel import average_beside
 from experiment.arrays import Floats
 
 __all__ = ["Profile", "profiles"]
@@ -26,11 +28,17 @@ class Profile(NamedTuple):
 
 
 def profiles(
-    time: Floats, thickness: Floats, path: Floats, before: Floats, after: Floats, *, rising: bool
+    time: Floats,
+    thickness: Floats,
+    path: Floats,
+    before: Floats,
+    after: Floats,
+    rising: NDArray[np.bool_],
 ) -> Profile:
     """Profiles of lines from `thickness` (time, x, species), along each `path` (line, x) [s].
 
     `before` and `after` (line, x) [s] tell how far away other lines are, NaN where a line is not.
+    Of lines that are `rising` (line,) the flow comes after.
     """
     columns = path.shape[1]
     chosen = np.arange(0, columns, -(-columns // COLUMNS))
@@ -38,19 +46,9 @@ def profiles(
     early, late = _reach(before), _reach(after)
     side = np.linspace(0.0, 1.0, STEPS + 1) ** 2  # finest next to the line
     tau = np.concatenate([-early[:, None] * side[:0:-1], late[:, None] * side], axis=1)
-    near = (tau[:, None] >= -before[..., None] / 2) & (tau[:, None] <= after[..., None] / 2)
-    at = path[..., None] + tau[:, None]
-    near &= (at >= time[0]) & (at <= time[-1])
-    at = np.where(near, at, time[0])
-    k = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
-    share = ((at - time[k]) / (time[k + 1] - time[k]))[..., None]
-    x = chosen[:, None]
-    sampled = (1 - share) * thickness[k, x] + share * thickness[k + 1, x]
-    count = np.maximum(near.sum(axis=1), 1)[..., None]
-    mean = (sampled * near[..., None]).sum(axis=1) / count
-    if rising:
-        mean = mean[:, ::-1]
-        tau = -tau[:, ::-1]
+    mean = average_beside(time, thickness[:, chosen], path, before, after, tau)
+    mean = np.where(rising[:, None, None], mean[:, ::-1], mean)
+    tau = np.where(rising[:, None], -tau[:, ::-1], tau)
     flowing, calm = mean[:, : STEPS // 2].mean(axis=1), mean[:, -STEPS // 2 :].mean(axis=1)
     low, high = calm.sum(axis=1)[:, None], flowing.sum(axis=1)[:, None]
     jump = np.where(high > low, high - low, np.inf)
@@ -61,10 +59,11 @@ def profiles(
 
 def _reach(distance: Floats) -> Floats:
     """Half of the median `distance` (line, x) [s], of those known."""
-    known = np.where(np.isfinite(distance), distance, np.nan)
-    some = np.isfinite(known).any(axis=1)
-    known[~some] = 0.0
-    return np.where(some, np.nanmedian(known, axis=1) / 2, 0.0)
+    ordered = np.sort(np.where(np.isfinite(distance), distance, np.nan), axis=1)
+    number = np.isfinite(ordered).sum(axis=1)
+    line = np.arange(len(ordered))
+    middles = [ordered[line, np.maximum(k, 0)] for k in ((number - 1) // 2, number // 2)]
+    return np.where(number > 0, np.mean(middles, axis=0) / 2, 0.0)
 
 
 def _last_above(tau: Floats, profile: Floats, level: float) -> Floats:

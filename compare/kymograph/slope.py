@@ -6,7 +6,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from compare.quantities import cell_length, measured_columns, settled_since, total_inflow
+from compare.quantities import (
+    cell_length,
+    measured_columns,
+    settled_since,
+    slope_columns,
+    total_inflow,
+)
 from experiment.archive import experiment_of
 from experiment.arrays import Floats
 
@@ -30,7 +36,7 @@ class Slope(NamedTuple):
 
 def slope_of(archive: xr.Dataset) -> Slope:
     """What lines are found from, as arrays."""
-    below = np.flatnonzero(archive["x"].values > 0)
+    below = slope_columns(archive)
     end = experiment_of(archive).cell.end
     return Slope(
         archive["time"].values,
