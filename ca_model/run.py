@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import chain
 
 import numpy as np
 import xarray as xr
@@ -16,7 +17,7 @@ from ca_model.toppling.kernel import random_state
 from ca_model.toppling.pile import ToppledPile
 from experiment import Experiment, SetupError
 from experiment.arrays import Floats, Ints
-from experiment.pouring import Sliced, pour_in_memory
+from experiment.pouring import Section, Sliced, pour_in_memory
 from experiment.pouring.recorder import record_steps
 from experiment.pouring.slabs import Slabs
 from experiment.pouring.state import State
@@ -118,10 +119,15 @@ class LatticePouring:
             "base_height": self.lattice.ground.height * unit,
         }
 
-    def section(self, slabs: Slabs, low: int, high: int) -> Floats:
-        """Rows of deposit_fraction (z, x, species), from unit `low` up to `high`."""
-        whole = [*slabs.reaching(low, high), self.pile.rest()]
-        return section(whole, self.lattice.rule.grain_height, Raster(high - low, self.columns, low))
+    def section(self, slabs: Slabs) -> Section:
+        """The deposit_fraction, by rows of a unit."""
+        rest, grain_height = self.pile.rest(), self.lattice.rule.grain_height
+
+        def rows(low: int, high: int) -> Floats:
+            whole = chain(slabs.reaching(low, high), [rest])
+            return section(whole, grain_height, Raster(high - low, self.columns, low))
+
+        return rows
 
     def notes(self, height: Sliced) -> dict[str, object]:
         """Attributes of the archive, of the recorded `height` (time, x) [cm]."""

@@ -45,6 +45,11 @@ class Slope:
         return 1 if self.x[-1] > self.x[0] else -1
 
     @property
+    def cells(self) -> Ints:
+        """Its cells (cell,) in the order of the archive."""
+        return np.ascontiguousarray(np.arange(len(self.x))[:: self.direction])
+
+    @property
     def first_bin(self) -> Ints:
         """The bin of height (cell,) above the floor in which what is poured begins."""
         return np.asarray(np.floor(self.base / self.grid.dz).astype(np.int64))
