@@ -48,8 +48,7 @@ class Body:
     @property
     def volume(self) -> Floats:
         """Volume (species,) [cm2] of what lies still, but for the rigid surface."""
-        volumes = [slope.volume_at_rest for slope in self.slopes]
-        return np.asarray(np.sum(volumes, axis=0))
+        return np.asarray(sum(slope.volume_at_rest for slope in self.slopes))
 
     @property
     def floor(self) -> Ints:

@@ -58,7 +58,17 @@ from continuum.state import MUSCL, Flow, Grid
 from continuum.transport import advect, disperse
 from experiment.arrays import Floats
 
-__all__ = ["BARE", "DONE", "FULL", "Advance", "advance", "find_composition", "substeps_at"]
+__all__ = [
+    "BARE",
+    "DONE",
+    "FULL",
+    "Advance",
+    "advance",
+    "cells_of",
+    "find_composition",
+    "substeps_at",
+    "take_steps",
+]
 
 
 COURANT = (0.25, 0.5)  # by scheme
@@ -93,7 +103,12 @@ def advance(flow: Flow, law: Law, grid: Grid, velocity: Floats, inflow: Floats) 
 
     Before a step that tapes may not last for it stops.
     """
-    cells = Cells(
+    return Advance(*take_steps(flow, cells_of(flow), law, grid, velocity, inflow))
+
+
+def cells_of(flow: Flow) -> Cells:
+    """The same state by rows, the same numbers in memory, on whatever tapes it goes on."""
+    return Cells(
         rolling=tuple(flow.rolling),
         surface=tuple(flow.surface),
         filling=tuple(flow.filling),
@@ -104,7 +119,6 @@ def advance(flow: Flow, law: Law, grid: Grid, velocity: Floats, inflow: Floats) 
         midway_rolling=tuple(np.zeros_like(flow.rolling)),
         midway_surface=tuple(np.zeros_like(flow.rolling)),
     )
-    return Advance(*take_steps(flow, cells, law, grid, velocity, inflow))
 
 
 @njit(cache=True, nogil=True)
