@@ -72,6 +72,8 @@ class LatticePouring:
         self.dt, self.columns = lattice.step, lattice.columns
         self.block = max(1, min(BLOCK, int(GRAINS_AT_ONCE / (1 + lattice.grains_per_step.sum()))))
         self.feeding = Feeding(experiment, lattice)
+        self.pure = np.eye(experiment.mixture.species)  # (species, species) the surface of each
+        self.grain_thickness, self.grain_volume = lattice.grain_thickness, lattice.grain_volume
         self.pile = _bare_pile(experiment, lattice, slabs, log)
 
     def advance(self, edges: Floats) -> None:
@@ -80,16 +82,16 @@ class LatticePouring:
 
     def record(self) -> dict[str, Floats]:
         """What there is now, in cm."""
-        lattice, pile = self.lattice, self.pile
+        pile, volume = self.pile, self.grain_volume
         rolling = pile.rolling
         return {
-            "height": pile.height * lattice.unit,
-            "rolling_thickness": rolling * lattice.grain_thickness,
-            "surface_fraction": np.eye(rolling.shape[1])[pile.surface],
-            "poured_volume": self.feeding.poured * lattice.grain_volume,
-            "rolling_volume": rolling.sum(axis=0) * lattice.grain_volume,
-            "deposited_volume": pile.grains_at_rest * lattice.grain_volume,
-            "outflow_volume": pile.outflow * lattice.grain_volume,
+            "height": pile.height * self.lattice.unit,
+            "rolling_thickness": rolling * self.grain_thickness,
+            "surface_fraction": self.pure[pile.surface],
+            "poured_volume": self.feeding.poured * volume,
+            "rolling_volume": rolling.sum(axis=0) * volume,
+            "deposited_volume": pile.grains_at_rest * volume,
+            "outflow_volume": pile.outflow * volume,
         }
 
     def bury(self) -> None:
