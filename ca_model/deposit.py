@@ -19,7 +19,7 @@ from experiment.pouring.slabs import Slab
 __all__ = ["Grains", "Raster", "count", "section", "slab_of", "top_of"]
 
 Grains = NDArray[np.uint8]
-Volume = NDArray[np.int32] | NDArray[np.int64]  # units of height
+Volume = NDArray[np.uint8] | NDArray[np.int64]  # units of height
 
 
 class Raster(NamedTuple):
@@ -74,7 +74,7 @@ def section(slabs: Iterable[Slab], grain_height: Ints, raster: Raster) -> Floats
 
     Raises IndexError for grains that lie beyond its columns, or are of no species.
     """
-    counts = np.int32 if raster.units * raster.wide < 2**31 else np.int64
+    counts = np.uint8 if raster.units * raster.wide < 2**8 else np.int64
     volume = np.zeros((raster.rows, raster.columns, len(grain_height)), dtype=counts)
     for slab in slabs:
         _fill(volume, slab, grain_height, raster)

@@ -203,7 +203,8 @@ class BelowSource:
 
     def _across(self, values: Callable[[Slope], NDArray[Any]]) -> NDArray[Any]:
         """Something of each place, in the order of columns."""
-        return np.concatenate([values(self._left)[::-1], values(self._right)])
+        sides = ((self._left, -1), (self._right, 1))
+        return np.concatenate([values(slope)[::way] for slope, way in sides if slope.slope.size])
 
 
 class BelowMovingSource:
