@@ -28,11 +28,11 @@ class Log(NamedTuple):
 @njit(cache=True, nogil=True)
 def steps_that_fit(arrivals: Ints, room: int) -> int:
     """Steps of `arrivals` (step, side, rank) of which the log has `room` for all grains."""
-    for step in range(arrivals.shape[0]):
+    for step in range(len(arrivals)):
         room -= arrivals[step].sum()
         if room < 0:
             return step
-    return arrivals.shape[0]
+    return len(arrivals)
 
 
 @inlined
