@@ -67,6 +67,7 @@ class Pile:
         log: int = LOG,
     ) -> None:
         self._species = rule.smallest_first  # (rank,)
+        self._ranks = np.argsort(self._species)  # (species,)
         self._lay = lay
         self._counts = np.zeros(len(self._species), dtype=np.int64)  # of grains at rest, by rank
         self._counted = 0  # entries of the log that those include
@@ -128,7 +129,7 @@ class Pile:
     @property
     def surface(self) -> Ints:
         """Species (column,) of the topmost grains."""
-        return self._species[self._body.top]
+        return self._species.take(self._body.top)
 
     @property
     def rolling(self) -> Ints:
@@ -155,9 +156,7 @@ class Pile:
         return self._log.grains[: int(self._log.length[0])]
 
     def _by_species(self, ranked: Ints) -> Ints:
-        counts = np.empty_like(ranked)
-        counts[..., self._species] = ranked
-        return counts
+        return ranked.take(self._ranks, axis=-1)
 
 
 class BelowSource:

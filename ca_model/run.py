@@ -87,7 +87,7 @@ class LatticePouring:
         return {
             "height": pile.height * self.lattice.unit,
             "rolling_thickness": rolling * self.grain_thickness,
-            "surface_fraction": self.pure[pile.surface],
+            "surface_fraction": self.pure.take(pile.surface, axis=0),
             "poured_volume": self.feeding.poured * volume,
             "rolling_volume": rolling.sum(axis=0) * volume,
             "deposited_volume": pile.grains_at_rest * volume,
