@@ -134,7 +134,7 @@ def take_steps(
         deepest = law.surface_depth * substeps_at(fastest * thickest, law, grid)
         if is_nearly_bare(flow, deepest, grid.dz):
             return step, most, BARE
-        advect(flow, grid, velocity, inflow[step])
+        advect(flow.rolling, flow.outflow, grid, velocity, inflow[step])
         disperse(flow.rolling, law.dispersion, grid)
         substeps = substeps_at(_busiest_rate(cells.slope, flow.rolling, law), law, grid)
         most = max(most, substeps)
