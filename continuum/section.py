@@ -43,7 +43,7 @@ def section_of_pile(slabs: Iterable[Slab], shape: tuple[int, int, int], low: int
     return fraction
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, boundscheck=True)
 def _fill(fraction: Floats, slab: Slab, thickness: Floats, low: int) -> None:
     """Put the pieces of a slab, of that `thickness` (piece,) [cm], into the rows from `low` up."""
     for i in range(slab.bottom.size):
