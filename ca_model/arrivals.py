@@ -69,17 +69,17 @@ class Arrivals:
 
     def take(self, rates: Floats) -> Ints:
         """The next grains (step, species), one row for each row of `rates`."""
-        blocks = np.split(rates, range(self.block, len(rates), self.block))
+        blocks = [rates[k : k + self.block] for k in range(0, len(rates), self.block)]
         return np.concatenate([self._take(np.rint(block * SHARES)) for block in blocks])
 
     def _take(self, shares: Floats) -> Ints:
+        whole_shares = shares.astype(np.int64)
+        if self.kind == "fixed":
+            return _whole(whole_shares, self.due)
         rates = shares / SHARES
         if self.kind == "poisson":
             words = self.stream.random_raw((*rates.shape, self.parts))
             return _poisson(rates / self.parts, words)
-        whole_shares = shares.astype(np.int64)
-        if self.kind == "fixed":
-            return _whole(whole_shares, self.due)
         total = _whole(whole_shares.sum(axis=1, keepdims=True), self.due)[:, 0]
         return _drawn(rates, total, self.stream.random_raw(int(total.sum())))
 

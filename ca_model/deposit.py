@@ -19,7 +19,7 @@ from experiment.pouring.slabs import Slab
 __all__ = ["Grains", "Raster", "count", "section", "slab_of", "top_of"]
 
 Grains = NDArray[np.uint8]
-Volume = NDArray[np.int32] | NDArray[np.int64]  # units of height
+Volume = NDArray[np.uint8] | NDArray[np.int64]  # units of height
 
 
 class Raster(NamedTuple):
@@ -74,14 +74,11 @@ def section(slabs: Iterable[Slab], grain_height: Ints, raster: Raster) -> Floats
 
     Raises IndexError for grains that lie beyond its columns, or are of no species.
     """
-    counts = np.int32 if raster.units * raster.wide < 2**31 else np.int64
+    counts = np.uint8 if raster.units * raster.wide < 2**8 else np.int64
     volume = np.zeros((raster.rows, raster.columns, len(grain_height)), dtype=counts)
     for slab in slabs:
         _fill(volume, slab, grain_height, raster)
-    fraction = np.full(volume.shape, np.nan, dtype=np.float32)
-    total = volume.sum(axis=2, keepdims=True)
-    np.divide(volume, total, out=fraction, where=total > 0, dtype=np.float32)
-    return fraction
+    return _fraction(volume)
 
 
 @njit(cache=True, nogil=True, boundscheck=True)
@@ -97,3 +94,17 @@ def _fill(volume: Volume, slab: Slab, grain_height: Ints, raster: Raster) -> Non
             for z in range(max(height, first), min(top, last)):
                 volume[z // raster.units - raster.low, x, a] += 1
             height = top
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _fraction(volume: Volume) -> Floats:
+    """Each species' share of a `volume` (z, x, species); NaN where there is none."""
+    fraction = np.full(volume.shape, np.nan, dtype=np.float32)
+    rows, columns, species = volume.shape
+    for row in range(rows):
+        for x in range(columns):
+            total = volume[row, x].sum()
+            if total > 0:
+                for a in range(species):
+                    fraction[row, x, a] = np.float32(volume[row, x, a]) / np.float32(total)
+    return fraction

@@ -17,6 +17,8 @@ class Feeding:
     def __init__(self, experiment: Experiment, lattice: Lattice) -> None:
         self.feed = experiment.feed
         self.lattice = lattice
+        self.grain_thickness = lattice.grain_thickness
+        self.below_rest = lattice.column_below_rest
         self.poured = np.zeros(experiment.mixture.species, dtype=np.int64)
         largest = self.feed.largest_inflow / lattice.grain_thickness
         self.arrivals = [
@@ -32,15 +34,15 @@ class Feeding:
 
     def take(self, edges: Floats) -> tuple[Ints, Ints]:
         """Grains (step, side, species) of the steps between `edges`, and their source (step,)."""
-        rates = self.feed.mean_thickness(edges) / self.lattice.grain_thickness
+        rates = self.feed.mean_thickness(edges) / self.grain_thickness
         grains = np.stack([side.take(rates) for side in self.arrivals], axis=1)
-        self.poured += [grains[..., a].sum() for a in range(self.poured.size)]
+        self.poured += grains.sum(axis=(0, 1))
         return grains, self._source(edges)
 
     def _source(self, edges: Floats) -> Ints:
         """The column that begins where the feed falls, in the middle of each step."""
         if self.feed.source is None:
-            return np.full(len(edges) - 1, self.lattice.column_below_rest)
+            return np.full(len(edges) - 1, self.below_rest)
         return self.lattice.column_after(self.feed.source.position((edges[:-1] + edges[1:]) / 2))
 
     def state(self) -> State:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ca_model.deposit import count, slab_of
 from ca_model.kernel.bits import Word, word_count
-from ca_model.kernel.log import Entries, Log
+from ca_model.kernel.log import Entries, Log, steps_that_fit
 from ca_model.kernel.packets import follow_packets
 from ca_model.kernel.slope import RankedRule, Slope, mark_all
 from ca_model.kernel.steps import Heap, take_steps
@@ -67,6 +67,7 @@ class Pile:
         log: int = LOG,
     ) -> None:
         self._species = rule.smallest_first  # (rank,)
+        self._ranks = np.argsort(self._species)  # (species,)
         self._lay = lay
         self._counts = np.zeros(len(self._species), dtype=np.int64)  # of grains at rest, by rank
         self._counted = 0  # entries of the log that those include
@@ -81,17 +82,13 @@ class Pile:
 
         The grains of a step enter to the right and left of the edge before column `source` (step,).
         """
-        ranked = arrivals[:, :, self._species]
-        arrived = np.cumsum(ranked.sum(axis=(1, 2)))
-        begin = 0
-        while begin < len(ranked):
-            before = int(arrived[begin - 1]) if begin else 0
+        ranked = arrivals.take(self._species, axis=2)
+        while len(ranked):
             room = len(self._log.grains) - len(self._entries) - int(self._body.rolling.sum())
-            end = int(np.searchsorted(arrived, before + room, side="right"))
-            if end > begin:
-                steps = slice(begin, end)
-                self._body.advance(self._log, ranked[steps], source[steps])
-                begin = end
+            steps = steps_that_fit(ranked, room)
+            if steps:
+                self._body.advance(self._log, ranked[:steps], source[:steps])
+                ranked, source = ranked[steps:], source[steps:]
             elif len(self._entries):
                 self.flush()
             else:
@@ -132,7 +129,7 @@ class Pile:
     @property
     def surface(self) -> Ints:
         """Species (column,) of the topmost grains."""
-        return self._species[self._body.top]
+        return self._species.take(self._body.top)
 
     @property
     def rolling(self) -> Ints:
@@ -159,9 +156,7 @@ class Pile:
         return self._log.grains[: int(self._log.length[0])]
 
     def _by_species(self, ranked: Ints) -> Ints:
-        counts = np.empty_like(ranked)
-        counts[..., self._species] = ranked
-        return counts
+        return ranked.take(self._ranks, axis=-1)
 
 
 class BelowSource:
@@ -200,18 +195,15 @@ class BelowSource:
 
     def advance(self, log: Log, arrivals: Ints, source: Ints) -> None:  # noqa: ARG002
         """Take the steps of `arrivals` (step, side, rank); the log has room for them."""
-        right, left = arrivals[:, 0], arrivals[:, 1:].sum(axis=1)
-        if not self._left.slope.size:
-            right = right + left
-        if not self._right.slope.size:
-            left = right + left
-        for slope, grains in ((self._right, right), (self._left, left)):
-            if slope.slope.size:
-                follow_packets(slope, self._rule, log, np.ascontiguousarray(grains))
+        slopes = [slope for slope in (self._right, self._left) if slope.slope.size]
+        sides = np.split(arrivals, [1], axis=1) if len(slopes) == 2 else [arrivals]
+        for slope, grains in zip(slopes, sides, strict=True):
+            follow_packets(slope, self._rule, log, np.ascontiguousarray(grains.sum(axis=1)))
 
     def _across(self, values: Callable[[Slope], NDArray[Any]]) -> NDArray[Any]:
         """Something of each place, in the order of columns."""
-        return np.concatenate([values(self._left)[::-1], values(self._right)])
+        sides = ((self._left, -1), (self._right, 1))
+        return np.concatenate([values(slope)[::way] for slope, way in sides if slope.slope.size])
 
 
 class BelowMovingSource:

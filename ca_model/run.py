@@ -3,6 +3,7 @@
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import chain
 
 import numpy as np
 import xarray as xr
@@ -16,7 +17,7 @@ from ca_model.toppling.kernel import random_state
 from ca_model.toppling.pile import ToppledPile
 from experiment import Experiment, SetupError
 from experiment.arrays import Floats, Ints
-from experiment.pouring import Sliced, pour_in_memory
+from experiment.pouring import Section, Sliced, pour_in_memory
 from experiment.pouring.recorder import record_steps
 from experiment.pouring.slabs import Slabs
 from experiment.pouring.state import State
@@ -71,6 +72,8 @@ class LatticePouring:
         self.dt, self.columns = lattice.step, lattice.columns
         self.block = max(1, min(BLOCK, int(GRAINS_AT_ONCE / (1 + lattice.grains_per_step.sum()))))
         self.feeding = Feeding(experiment, lattice)
+        self.pure = np.eye(experiment.mixture.species)  # (species, species) the surface of each
+        self.grain_thickness, self.grain_volume = lattice.grain_thickness, lattice.grain_volume
         self.pile = _bare_pile(experiment, lattice, slabs, log)
 
     def advance(self, edges: Floats) -> None:
@@ -79,16 +82,16 @@ class LatticePouring:
 
     def record(self) -> dict[str, Floats]:
         """What there is now, in cm."""
-        lattice, pile = self.lattice, self.pile
+        pile, volume = self.pile, self.grain_volume
         rolling = pile.rolling
         return {
-            "height": pile.height * lattice.unit,
-            "rolling_thickness": rolling * lattice.grain_thickness,
-            "surface_fraction": np.eye(rolling.shape[1])[pile.surface],
-            "poured_volume": self.feeding.poured * lattice.grain_volume,
-            "rolling_volume": rolling.sum(axis=0) * lattice.grain_volume,
-            "deposited_volume": pile.grains_at_rest * lattice.grain_volume,
-            "outflow_volume": pile.outflow * lattice.grain_volume,
+            "height": pile.height * self.lattice.unit,
+            "rolling_thickness": rolling * self.grain_thickness,
+            "surface_fraction": self.pure.take(pile.surface, axis=0),
+            "poured_volume": self.feeding.poured * volume,
+            "rolling_volume": rolling.sum(axis=0) * volume,
+            "deposited_volume": pile.grains_at_rest * volume,
+            "outflow_volume": pile.outflow * volume,
         }
 
     def bury(self) -> None:
@@ -118,10 +121,15 @@ class LatticePouring:
             "base_height": self.lattice.ground.height * unit,
         }
 
-    def section(self, slabs: Slabs, low: int, high: int) -> Floats:
-        """Rows of deposit_fraction (z, x, species), from unit `low` up to `high`."""
-        whole = [*slabs.reaching(low, high), self.pile.rest()]
-        return section(whole, self.lattice.rule.grain_height, Raster(high - low, self.columns, low))
+    def section(self, slabs: Slabs) -> Section:
+        """The deposit_fraction, by rows of a unit."""
+        rest, grain_height = self.pile.rest(), self.lattice.rule.grain_height
+
+        def rows(low: int, high: int) -> Floats:
+            whole = chain(slabs.reaching(low, high), [rest])
+            return section(whole, grain_height, Raster(high - low, self.columns, low))
+
+        return rows
 
     def notes(self, height: Sliced) -> dict[str, object]:
         """Attributes of the archive, of the recorded `height` (time, x) [cm]."""

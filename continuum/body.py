@@ -10,10 +10,9 @@ import numpy as np
 from continuum.kernel import BARE, DONE
 from continuum.section import rest_of, slab_of
 from continuum.slopes import Slope, across
-from continuum.state import (
-    Flow,
+from continuum.tape import (
     lowest_bins,
-    places_of,
+    put_lowest_bins,
     sealed_bins,
     with_more_bins,
     with_sealed_bins,
@@ -49,8 +48,7 @@ class Body:
     @property
     def volume(self) -> Floats:
         """Volume (species,) [cm2] of what lies still, but for the rigid surface."""
-        volumes = [slope.volume_at_rest for slope in self.slopes]
-        return np.asarray(np.sum(volumes, axis=0))
+        return np.asarray(sum(slope.volume_at_rest for slope in self.slopes))
 
     @property
     def floor(self) -> Ints:
@@ -59,7 +57,7 @@ class Body:
             return np.zeros(len(self.slopes[0].x), dtype=np.int64)
         return across(self.slopes, lambda slope: slope.first_bin + slope.flow.buried)
 
-    def rest(self) -> Slab:
+    def rest(self) -> list[Slab]:
         """All that is in memory."""
         return rest_of(self.slopes)
 
@@ -72,15 +70,14 @@ class Body:
 
     def _hand_on(self) -> None:
         """Lay as a slab what every tape holds beyond half of its places."""
-        bottom, shares = self.floor, []
+        bottom, taken = self.floor, []
         for slope in self.slopes:
-            flow = slope.flow
+            flow, cells = slope.flow, slope.cells
             counts = np.maximum(flow.sealed - flow.tape.shape[2] // 2, 0)
-            taken = [_take_lowest(flow, i, count) for i, count in enumerate(counts)]
-            shares += taken[:: slope.direction]
+            taken.append((counts[cells], lowest_bins(flow, cells, counts[cells])))
             flow.sealed[:] -= counts
             flow.buried[:] += counts
-        self._slabs.lay(slab_of(bottom, shares))
+        self._slabs.lay(slab_of(bottom, *map(np.concatenate, zip(*taken, strict=True))))
 
     def _take_back(self) -> None:
         """Put the topmost slab back under what the tapes hold, and keep twice as much from now on.
@@ -91,17 +88,14 @@ class Body:
         longest = max(slope.flow.tape.shape[2] for slope in self.slopes)
         self._most_bins[0] = max(self._most_bins[0], 2 * longest)
         for slope in self.slopes:
-            counts = np.diff(slab.ends)[column : column + len(slope.x)][:: slope.direction]
-            while (slope.flow.sealed + counts).max() >= slope.flow.tape.shape[2]:
+            share, cells = slab.columns(column, column + len(slope.cells)), slope.cells
+            counts = np.diff(share.ends)
+            while (slope.flow.sealed[cells] + counts).max() >= slope.flow.tape.shape[2]:
                 slope.flow = with_more_bins(slope.flow)
-            flow = slope.flow
-            flow.sealed[:] += counts
-            flow.buried[:] -= counts
-            for i, count in enumerate(counts):
-                place = column + (i if slope.direction > 0 else len(slope.x) - 1 - i)
-                places = places_of(flow, i, count, flow.tape.shape[2])
-                flow.tape[:, i, places] = slab.share(place).T
-            column += len(slope.x)
+            slope.flow.sealed[cells] += counts
+            slope.flow.buried[cells] -= counts
+            put_lowest_bins(slope.flow, cells, counts, share.pieces)
+            column += len(cells)
 
     def state(self) -> State:
         """All that changes; of the tapes, what is sealed."""
@@ -121,10 +115,3 @@ class Body:
             put_back({name: array for name, array in arrays.items() if name != tape}, state)
             bins = int(state[f"slope_{k}_bins"][0])
             slope.flow = with_sealed_bins(slope.flow, bins, state[tape])
-
-
-def _take_lowest(flow: Flow, i: int, count: int) -> Floats:
-    """The lowest bins of cell i that are in memory, taken off its tape: (bin, species) [cm]."""
-    taken = lowest_bins(flow, i, count)
-    flow.tape[:, i, places_of(flow, i, count, flow.tape.shape[2])] = 0.0
-    return taken

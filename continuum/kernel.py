@@ -58,7 +58,17 @@ from continuum.state import MUSCL, Flow, Grid
 from continuum.transport import advect, disperse
 from experiment.arrays import Floats
 
-__all__ = ["BARE", "DONE", "FULL", "Advance", "advance", "find_composition", "substeps_at"]
+__all__ = [
+    "BARE",
+    "DONE",
+    "FULL",
+    "Advance",
+    "advance",
+    "cells_of",
+    "find_composition",
+    "substeps_at",
+    "take_steps",
+]
 
 
 COURANT = (0.25, 0.5)  # by scheme
@@ -93,7 +103,12 @@ def advance(flow: Flow, law: Law, grid: Grid, velocity: Floats, inflow: Floats) 
 
     Before a step that tapes may not last for it stops.
     """
-    cells = Cells(
+    return Advance(*take_steps(flow, cells_of(flow), law, grid, velocity, inflow))
+
+
+def cells_of(flow: Flow) -> Cells:
+    """The same state by rows, the same numbers in memory, on whatever tapes it goes on."""
+    return Cells(
         rolling=tuple(flow.rolling),
         surface=tuple(flow.surface),
         filling=tuple(flow.filling),
@@ -104,7 +119,6 @@ def advance(flow: Flow, law: Law, grid: Grid, velocity: Floats, inflow: Floats) 
         midway_rolling=tuple(np.zeros_like(flow.rolling)),
         midway_surface=tuple(np.zeros_like(flow.rolling)),
     )
-    return Advance(*take_steps(flow, cells, law, grid, velocity, inflow))
 
 
 @njit(cache=True, nogil=True)
@@ -120,7 +134,7 @@ def take_steps(
         deepest = law.surface_depth * substeps_at(fastest * thickest, law, grid)
         if is_nearly_bare(flow, deepest, grid.dz):
             return step, most, BARE
-        advect(flow, grid, velocity, inflow[step])
+        advect(flow.rolling, flow.outflow, grid, velocity, inflow[step])
         disperse(flow.rolling, law.dispersion, grid)
         substeps = substeps_at(_busiest_rate(cells.slope, flow.rolling, law), law, grid)
         most = max(most, substeps)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from itertools import chain
 from typing import Annotated, Literal
 
 import numpy as np
@@ -19,7 +20,7 @@ from continuum.transport import dispersion_substeps
 from experiment import Experiment, NotApplicableError, SetupError
 from experiment.arrays import Floats, Ints
 from experiment.fields import Part
-from experiment.pouring import Sliced, pour_in_memory
+from experiment.pouring import Section, Sliced, pour_in_memory
 from experiment.pouring.recorder import record_steps
 from experiment.pouring.slabs import Slabs
 from experiment.pouring.state import State, put_back
@@ -195,14 +196,18 @@ class FlowPouring:
             "base_height": across(slopes, lambda slope: slope.base),
         }
 
-    def section(self, slabs: Slabs, low: int, high: int) -> Floats:
-        """Rows of deposit_fraction (z, x, species), from bin `low` up to `high`."""
+    def section(self, slabs: Slabs) -> Section:
+        """The deposit_fraction, by rows."""
         if self._is_drum:
-            slope, radius = self.body.slopes[0], self.experiment.cell.length / 2
-            return section_of_drum(slope, radius)[low:high]
-        whole = [*slabs.reaching(low, high), self.body.rest()]
-        shape = high - low, self.columns, self.experiment.mixture.species
-        return section_of_pile(whole, shape, low)
+            whole = section_of_drum(self.body.slopes[0], self.experiment.cell.length / 2)
+            return lambda low, high: whole[low:high]
+        rest, species = self.body.rest(), self.experiment.mixture.species
+
+        def rows(low: int, high: int) -> Floats:
+            shape = high - low, self.columns, species
+            return section_of_pile(chain(slabs.reaching(low, high), rest), shape, low)
+
+        return rows
 
     @property
     def _is_drum(self) -> bool:

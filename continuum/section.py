@@ -4,9 +4,11 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
+from numba import njit
 
 from continuum.slopes import Slope, across
-from continuum.state import Flow, lowest_bins
+from continuum.state import Flow
+from continuum.tape import lowest_bins
 from experiment.arrays import Floats, Ints
 from experiment.pouring.slabs import Slab
 
@@ -35,42 +37,41 @@ def section_of_pile(slabs: Iterable[Slab], shape: tuple[int, int, int], low: int
 
     NaN where nothing was poured.
     """
-    fraction = np.full(shape, np.nan)
+    fraction = np.full(shape, np.nan, dtype=np.float32)
     for slab in slabs:
-        column = np.repeat(np.arange(shape[1]), np.diff(slab.ends))
-        row = np.arange(len(slab.pieces)) + (slab.bottom - slab.ends[:-1] - low)[column]
-        total = slab.pieces.sum(axis=1)
-        there = (row >= 0) & (row < shape[0]) & (total > 0)
-        fraction[row[there], column[there]] = slab.pieces[there] / total[there, None]
+        _fill(fraction, slab, slab.pieces.sum(axis=1), low)
     return fraction
 
 
-def rest_of(slopes: list[Slope]) -> Slab:
-    """What piles have in memory: sealed bins, the open one, and the surface layer upon it."""
-    shares = [share for slope in slopes for share in _columns(slope)[:: slope.direction]]
-    bottom = across(slopes, lambda slope: slope.first_bin + slope.flow.buried)
-    return slab_of(bottom, shares)
+@njit(cache=True, nogil=True, boundscheck=True)
+def _fill(fraction: Floats, slab: Slab, thickness: Floats, low: int) -> None:
+    """Put the pieces of a slab, of that `thickness` (piece,) [cm], into the rows from `low` up."""
+    for i in range(slab.bottom.size):
+        above = slab.bottom[i] - slab.ends[i] - low
+        for k in range(slab.ends[i], slab.ends[i + 1]):
+            if 0 <= above + k < fraction.shape[0] and thickness[k] > 0.0:
+                for a in range(fraction.shape[2]):
+                    fraction[above + k, i, a] = slab.pieces[k, a] / thickness[k]
 
 
-def slab_of(bottom: Ints, shares: list[Floats]) -> Slab:
-    """A slab of what each column holds, (bin, species) [cm], from its `bottom` (column,) on."""
-    counts = np.array([len(share) for share in shares])
-    return Slab(bottom, bottom + counts, np.append(0, np.cumsum(counts)), np.concatenate(shares))
+def rest_of(slopes: list[Slope]) -> list[Slab]:
+    """What piles have in memory: sealed bins; the open one, and the surface layer upon it."""
+    first = across(slopes, lambda slope: slope.first_bin + slope.flow.buried)
+    sealed = across(slopes, lambda slope: slope.flow.sealed)
+    lower = slab_of(first, sealed, np.concatenate([_sealed_bins(slope) for slope in slopes]))
+    bins = 1 + max(_layer_bins(slope) for slope in slopes)
+    tops = np.concatenate([_open_bins(slope, bins)[:: slope.direction] for slope in slopes])
+    return [lower, slab_of(lower.top, np.full(len(tops), bins), tops.reshape(-1, tops.shape[2]))]
 
 
-def _columns(slope: Slope) -> list[Floats]:
-    """Thickness of each species in the bins of each cell, (bin, species)."""
-    flow, layer_bins = slope.flow, _layer_bins(slope)
-    columns: list[Floats] = []
-    for i in range(len(slope.x)):
-        sealed = int(flow.sealed[i])
-        column = np.zeros((sealed + 1 + layer_bins, len(flow.rolling)))
-        column[:sealed] = lowest_bins(flow, i, sealed)
-        column[sealed] = flow.filling[:, i]
-        rigid = flow.rigid[i] if flow.top[i] == 0 else 0.0
-        _lay_on_top(column[sealed:], flow.surface[:, i], rigid, slope.grid.dz)
-        columns.append(column)
-    return columns
+def _sealed_bins(slope: Slope) -> Floats:
+    """What those in memory hold, column after column, (bin, species) [cm]."""
+    return lowest_bins(slope.flow, slope.cells, slope.flow.sealed[slope.cells])
+
+
+def slab_of(bottom: Ints, counts: Ints, pieces: Floats) -> Slab:
+    """A slab of columns, each of so many of the `pieces` (bin, species) [cm], from `bottom` on."""
+    return Slab(bottom, bottom + counts, np.append(0, np.cumsum(counts)), pieces)
 
 
 def _layer_bins(slope: Slope) -> int:
@@ -78,15 +79,23 @@ def _layer_bins(slope: Slope) -> int:
     return math.ceil(float(slope.flow.surface.sum(axis=0).max()) / slope.grid.dz) + 1
 
 
-def _lay_on_top(column: Floats, layer: Floats, rigid: float, dz: float) -> None:
-    """Put the surface layer (species,) onto the bins (bin, species), of which the first is open."""
-    left = layer.sum()
-    mixture = layer / left if left > 0 else layer
-    for k, held in enumerate(column.sum(axis=1)):
-        room = dz - held - (rigid if k == 0 else 0.0)
-        part = min(max(room, 0.0), left)
-        column[k] += part * mixture
+def _open_bins(slope: Slope, bins: int) -> Floats:
+    """What the open bins and those above hold once the surface layer is laid into them.
+
+    Of so many `bins` a cell, (cell, bin, species) [cm].
+    """
+    flow, layer = slope.flow, slope.flow.surface.T.copy()
+    column = np.zeros((len(layer), bins, layer.shape[1]))
+    column[:, 0] = flow.filling.T
+    rigid = np.where(flow.top == 0, flow.rigid, 0.0)
+    left = layer.sum(axis=1)
+    mixture = layer / np.where(left > 0.0, left, 1.0)[:, None]
+    for k in range(bins):
+        room = slope.grid.dz - column[:, k].sum(axis=1) - (rigid if k == 0 else 0.0)
+        part = np.minimum(np.maximum(room, 0.0), left)
+        column[:, k] += part[:, None] * mixture
         left -= part
+    return column
 
 
 def heights_in_drum(slope: Slope) -> Floats:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from continuum.kernel import Advance, advance, find_composition
+from continuum.kernel import Advance, cells_of, find_composition, take_steps
 from continuum.law import Law
 from continuum.state import Flow, Grid, bare_flow
 from experiment import Experiment
@@ -35,14 +35,22 @@ class Slope:
     flow: Flow
     law: Law
 
+    def __post_init__(self) -> None:
+        self._rows = cells_of(self.flow)
+
     def advance(self, velocity: Floats, inflow: Floats) -> Advance:
         """Take a step per row of `inflow` (step, species) [cm], as far as the tapes last."""
-        return advance(self.flow, self.law, self.grid, velocity, inflow)
+        return Advance(*take_steps(self.flow, self._rows, self.law, self.grid, velocity, inflow))
 
     @property
     def direction(self) -> int:
         """Whether x grows downhill, 1, or uphill, -1."""
         return 1 if self.x[-1] > self.x[0] else -1
+
+    @property
+    def cells(self) -> Ints:
+        """Its cells (cell,) in the order of the archive."""
+        return np.ascontiguousarray(np.arange(len(self.x))[:: self.direction])
 
     @property
     def first_bin(self) -> Ints:

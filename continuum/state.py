@@ -15,18 +15,7 @@ import numpy as np
 from continuum.limiters import VAN_LEER
 from experiment.arrays import Floats, Ints
 
-__all__ = [
-    "MUSCL",
-    "SCHEMES",
-    "Flow",
-    "Grid",
-    "bare_flow",
-    "lowest_bins",
-    "places_of",
-    "sealed_bins",
-    "with_more_bins",
-    "with_sealed_bins",
-]
+__all__ = ["MUSCL", "SCHEMES", "Flow", "Grid", "bare_flow"]
 
 SCHEMES = ("godunov", "muscl")
 GODUNOV, MUSCL = range(len(SCHEMES))
@@ -82,42 +71,3 @@ def bare_flow(height: Floats, rigid_fraction: Floats, bins: int) -> Flow:
         rigid_fraction=rigid_fraction.copy(),
         outflow=np.zeros(len(rigid_fraction)),
     )
-
-
-def with_more_bins(flow: Flow) -> Flow:
-    """The same state with tapes of twice as many bins."""
-    return with_sealed_bins(flow, 2 * flow.tape.shape[2], sealed_bins(flow))
-
-
-def sealed_bins(flow: Flow) -> Floats:
-    """What the sealed bins in memory hold, tape after tape in each from below, (bin, species)."""
-    cells = np.flatnonzero(flow.up > 0).tolist()
-    return np.concatenate([lowest_bins(flow, i, flow.sealed[flow.row[i]]) for i in cells])
-
-
-def lowest_bins(flow: Flow, i: int, count: int) -> Floats:
-    """What the lowest `count` of the sealed bins hold that end in cell i, (bin, species) [cm].
-
-    Of a drum's half ring, the cell at its downhill end.
-    """
-    return np.asarray(flow.tape[:, flow.row[i], places_of(flow, i, count, flow.tape.shape[2])].T)
-
-
-def with_sealed_bins(flow: Flow, bins: int, content: Floats) -> Flow:
-    """The same state on tapes of so many `bins`, whose sealed ones hold `content`.
-
-    That is as :func:`sealed_bins` tells. Raises ValueError where it is of another number of bins.
-    """
-    tape = np.zeros((*flow.tape.shape[:2], bins))
-    for i in np.flatnonzero(flow.up > 0).tolist():
-        share, content = np.split(content, [flow.sealed[flow.row[i]]])
-        tape[:, flow.row[i], places_of(flow, i, len(share), bins)] = share.T
-    if len(content):
-        raise ValueError(f"it holds {len(content)} bins too many")
-    return flow._replace(tape=tape)
-
-
-def places_of(flow: Flow, i: int, count: int, bins: int) -> Ints:
-    """Where the bins of :func:`lowest_bins` are on a tape of so many `bins`."""
-    lowest = flow.top[i] - flow.sealed[flow.row[i]]
-    return np.asarray((lowest + np.arange(count)) % bins)

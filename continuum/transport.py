@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from continuum.limiters import limited
-from continuum.state import Flow, Grid
+from continuum.state import Grid
 from experiment.arrays import Floats
 
 __all__ = ["advect", "disperse", "dispersion_substeps"]
@@ -25,13 +25,12 @@ MESH_RATIO = 1.0 / 6.0
 
 
 @njit(cache=True, error_model="numpy")
-def advect(flow: Flow, grid: Grid, velocity: Floats, inflow: Floats) -> None:
-    """Move each species (species,) on by a step; at an open end the last cell's grains fall off."""
-    is_open = not math.isnan(grid.lip)
-    rolling = flow.rolling
+def advect(rolling: Floats, outflow: Floats, grid: Grid, velocity: Floats, inflow: Floats) -> None:
+    """Move each species (species, cell) on by a step; what leaves an open end joins `outflow`."""
+    is_open, fastest = not math.isnan(grid.lip), velocity.max()
     species, cells = rolling.shape
     for a in range(species):
-        nu = velocity[a] / velocity.max()
+        nu = velocity[a] / fastest
         if nu < 1.0:
             fallen = _advect_slower(rolling[a], nu, inflow[a], is_open, grid.limiter)
         else:
@@ -39,7 +38,7 @@ def advect(flow: Flow, grid: Grid, velocity: Floats, inflow: Floats) -> None:
             for i in range(cells - 1, 0, -1):
                 rolling[a, i] = rolling[a, i - 1]
             rolling[a, 0] = inflow[a]
-        flow.outflow[a] += fallen
+        outflow[a] += fallen
 
 
 @njit(cache=True, error_model="numpy")

@@ -30,11 +30,11 @@ class Variation(Part):
 
     def thickness(self, base: Floats, times: Floats) -> Floats:
         """R_a (time, species) [cm] at `times` (time,) [s]."""
-        return np.tile(base, (len(times), 1))
+        return np.full((len(times), len(base)), base)
 
     def mean_thickness(self, base: Floats, edges: Floats) -> Floats:
         """R_a (time, species) [cm], averaged between successive `edges` (time + 1,) [s]."""
-        return np.tile(base, (len(edges) - 1, 1))
+        return np.full((len(edges) - 1, len(base)), base)
 
     def largest(self, base: Floats) -> Floats:
         """The largest R_a (species,) [cm] that each species has at any time."""

@@ -4,7 +4,8 @@ import numpy as np
 
 from continuum.kernel import advance
 from continuum.law import Law
-from continuum.state import Flow, Grid, bare_flow, with_more_bins
+from continuum.state import Flow, Grid, bare_flow
+from continuum.tape import with_more_bins
 
 MATRICES = ("repose_slope", "collision_rate", "cross_amplification")
 

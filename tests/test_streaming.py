@@ -199,7 +199,7 @@ def poured(pouring: Pouring, slabs: Deposit) -> dict[str, np.ndarray]:
     keeper = InMemory(1000, pouring.columns, pouring.experiment.mixture.species)
     run_to_the_end(pouring, keeper)
     grid = pouring.grid()
-    section = pouring.section(slabs, 0, len(grid["z"]))
+    section = pouring.section(slabs)(0, len(grid["z"]))
     return keeper.recorder.arrays | grid | {"deposit_fraction": section}
 
 

@@ -7,7 +7,6 @@ whatever is not such a file, or not the one that was written (:mod:`experiment.a
 
 from collections.abc import Collection
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from experiment.archive.provenance import stamp
+from experiment.archive.provenance import stamp, version
 from experiment.archive.storage import read_whole, reading, write_whole
 from experiment.archive.variables import COORDINATES, VARIABLES, Variable
 from experiment.errors import ArchiveError
@@ -98,7 +97,7 @@ def check(dataset: xr.Dataset, absent: Collection[str] = ()) -> xr.Dataset:
         raise ArchiveError(f"model = {dataset.attrs['model']!r}; allowed: {', '.join(MODELS)}")
     for variable in (COORDINATES | VARIABLES).values():
         if variable.name in dataset.variables:
-            _check_variable(dataset[variable.name], variable)
+            _check_variable(dataset.variables[variable.name], variable)
         elif not variable.optional and variable.name not in absent:
             raise ArchiveError(f"variable {variable.name!r} is missing")
     for name in (name for name in ("time", "x", "z") if name not in absent):
@@ -164,10 +163,10 @@ def _data_array(variable: Variable, values: NDArray[Any]) -> xr.Variable:
     if values.ndim != len(variable.dims):
         raise ArchiveError(f"{variable.name} has shape {values.shape}, not {variable.dims}")
     kind = object if variable.dtype == "str" else variable.dtype
-    return xr.Variable(variable.dims, values.astype(kind), variable.attributes)
+    return xr.Variable(variable.dims, values.astype(kind, copy=False), variable.attributes)
 
 
-def _check_variable(values: xr.DataArray, variable: Variable) -> None:
+def _check_variable(values: xr.Variable, variable: Variable) -> None:
     if values.dims != variable.dims:
         raise ArchiveError(f"{variable.name} has dimensions {values.dims}, not {variable.dims}")
     if variable.dtype == "str":

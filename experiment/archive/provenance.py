@@ -1,13 +1,15 @@
 """What a pour was made of and by: what two of them must share to be one."""
 
 from collections.abc import Iterator, Mapping
-from importlib.metadata import version
+from functools import cache
+from importlib import metadata
 from typing import Any
 
 from experiment.experiment import Experiment
 
-__all__ = ["difference", "difference_of_setups", "made_by", "stamp"]
+__all__ = ["difference", "difference_of_setups", "made_by", "stamp", "version"]
 
+version = cache(metadata.version)  # which reads a file
 MADE_WITH = ("numpy", "numba")  # whose versions may change a last digit
 
 

@@ -79,10 +79,10 @@ def _create(file: netCDF4.Dataset, variable: Variable, pouring: Pouring) -> "net
 def _bands(pouring: Pouring, work: Work, rows: int) -> Iterator[tuple[int, Floats]]:
     """The deposit from below, band by band: the first row of each, and its rows."""
     high = max(1, BAND // (8 * pouring.columns * pouring.experiment.mixture.species))
-    base = work.base
+    base, section = work.base, pouring.section(work)
     with nullcontext() if base is None else opened(base.path) as archive:
         for low in range(0, rows, high):
-            band = pouring.section(work, low, min(low + high, rows))
+            band = section(low, min(low + high, rows))
             if base is not None and archive is not None:
                 band = base.below(archive, band, low)
             yield low, band

@@ -24,12 +24,14 @@ __all__ = [
     "Keeper",
     "Pouring",
     "Progress",
+    "Section",
     "Sliced",
     "pour_in_memory",
     "run_to_the_end",
 ]
 
 Progress = Callable[[float], object]
+Section = Callable[[int, int], Floats]  # its rows (z, x, species) from one bin up to another
 
 
 class Sliced(Protocol):
@@ -70,8 +72,8 @@ class Pouring(Protocol):
     def grid(self) -> dict[str, Floats]:
         """The archive's x (x,), z (z,) and base_height (x,) [cm], at the end of the pour."""
 
-    def section(self, slabs: Slabs, low: int, high: int) -> Floats:
-        """Rows of deposit_fraction (z, x, species), from bin `low` up to `high`."""
+    def section(self, slabs: Slabs) -> Section:
+        """The deposit_fraction of what lies at rest now."""
 
     def notes(self, height: Sliced) -> dict[str, object]:
         """The model's own attributes of the archive, of the recorded `height` (time, x) [cm]."""
@@ -137,6 +139,6 @@ def pour_in_memory(begin: Begin, experiment: Experiment, progress: Progress | No
     keeper = InMemory(records, pouring.columns, experiment.mixture.species)
     run_to_the_end(pouring, keeper, progress)
     arrays, grid = keeper.recorder.arrays, pouring.grid()
-    section = pouring.section(deposit, 0, len(grid["z"]))
+    section = pouring.section(deposit)(0, len(grid["z"]))
     told = pouring.notes(arrays["height"])
     return assemble(experiment, pouring.model, arrays | grid | {"deposit_fraction": section}, told)

@@ -61,8 +61,8 @@ class Recorder:
 
     def keep(self, **values: float | Floats) -> None:
         """Keep one record; `values` must name every variable along `time`."""
-        if set(values) != set(self._arrays):
-            odd = sorted(set(values) ^ set(self._arrays))
+        if values.keys() != self._arrays.keys():
+            odd = sorted(values.keys() ^ self._arrays.keys())
             raise ArchiveError(f"record {self.kept}: {odd[0]!r} is missing or unknown")
         for name, value in values.items():
             self._arrays[name][self.kept] = value
