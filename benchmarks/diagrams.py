@@ -1,6 +1,6 @@
 """Phase diagrams: what a point costs, what processors are worth, what a million points would take.
 
-Pours of 200 columns or cells and 30 fillings (L / v each), 10 records a filling. On request, as in
+Pours of 200 columns or cells and 30 fillings (L / v each), 8 records a filling, as many as a cycle needs. On request, as in
 `STRATIFY_POINTS=10000`, so many set-ups are mapped by both models; 400 by default.
 """
 
@@ -30,7 +30,7 @@ SETTINGS = (
     "ca_model.column_width=0.5",
     "ca_model.unit=0.05",
     "pour.duration=3000.0",
-    "pour.records=300",
+    "pour.records=240",
 )
 FEW = 64  # jobs by which schedulers are compared
 MANY, CORES = 10**6, 100
