@@ -1,7 +1,8 @@
 """Phase diagrams: what a point costs, what processors are worth, what a million points would take.
 
-Pours of 200 columns or cells and 30 fillings (L / v each), 8 records a filling, as many as a cycle needs. On request, as in
-`STRATIFY_POINTS=10000`, so many set-ups are mapped by both models; 400 by default.
+Pours of 200 columns or cells and 30 fillings (L / v each), with 8 records a filling, as many as a
+cycle needs. On request, as in `STRATIFY_POINTS=10000`, so many set-ups are mapped by both models;
+400 by default.
 """
 
 import os
