@@ -30,6 +30,24 @@ HOW = (
     "or, to be drawn, KEY=LOW:HIGH"
 )
 
+UNITS = {  # by the word of a key that tells; all else is of unit 1 or a word
+    "collision_rate": "s-1",
+    "column_width": "cm",
+    "cross_amplification": "s-1",
+    "cross_rate": "s-1",
+    "curvature_length": "cm",
+    "dispersion": "cm2 s-1",
+    "drift_velocity": "cm s-1",
+    "duration": "s",
+    "grain_diameter": "cm",
+    "inflow": "cm",
+    "length": "cm",
+    "surface_depth": "cm",
+    "total_inflow": "cm",
+    "turning_rate": "s-1",
+    "unit": "cm",
+}
+
 Listed = dict[str, Sequence[Any]]
 Drawn = dict[str, tuple[float, float]]
 Coordinates = dict[str, tuple[str, NDArray[Any], dict[str, str]]]
@@ -58,6 +76,8 @@ class Axis(NamedTuple):
         for key, values in self.fields.items():
             said = {"long_name": key, "field": key}
             if all(type(value) in {int, float} for value in values):
+                units = [UNITS[word] for word in key.split(".") if word in UNITS]
+                said["units"] = units[0] if units else "1"
                 found[self.names[key]] = self.dim, np.array(values), said
             else:
                 words = np.array([json.dumps(value) for value in values])

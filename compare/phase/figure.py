@@ -235,12 +235,17 @@ def _patches(regime: Ints, alpha: float = 1.0) -> "Legend":
 
 def _label(axis: Any, plane: xr.Dataset, field: str) -> None:
     """Say what the axis is of; logarithmic for values of one ratio, words where it is of words."""
-    axis.set_label_text(plane[field].attrs["field"])
+    from matplotlib.ticker import LogFormatter
+
+    units = plane[field].attrs.get("units", "1")
+    axis.set_label_text(plane[field].attrs["field"] + (f" ({units})" if units != "1" else ""))
     values = plane[field].values
     if not _is_of_numbers(values):
         axis.set_ticks(np.arange(len(values)), values.tolist())
     elif _is_geometric(values):
         axis._set_axes_scale("log")
+        axis.set_major_formatter(LogFormatter(labelOnlyBase=False))
+        axis.set_minor_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(2, 0.8)))
 
 
 def _is_of_numbers(values: NDArray[Any]) -> bool:

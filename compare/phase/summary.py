@@ -75,7 +75,7 @@ def _rows(diagram: xr.Dataset) -> Iterator[tuple[str, ...]]:
         at = dict(zip(others, np.unravel_index(line, sizes), strict=True)) if others else {}
         here = diagram.isel(at)
         fields = (name for name in here.coords if "field" in here[name].attrs)
-        said = ", ".join(f"{name} = {here[name].values}" for name in fields if not here[name].dims)
+        said = ", ".join(f"{name} = {_said(here[name])}" for name in fields if not here[name].dims)
         edges = zip(here[LAYERED_FROM].values, here[f"{LAYERED_FROM}_error"].values, strict=True)
         onset = float(here[ONSET]) if ONSET in here else np.nan
         yield (
@@ -83,6 +83,10 @@ def _rows(diagram: xr.Dataset) -> Iterator[tuple[str, ...]]:
             *(with_error(*edge) for edge in edges),
             f"{onset:.3g}" if np.isfinite(onset) else "-",
         )
+
+
+def _said(value: xr.DataArray) -> str:
+    return f"{value.item():.4g}" if value.dtype.kind in "fi" else str(value.item())
 
 
 def _plain(values: xr.DataArray) -> object:
