@@ -5,7 +5,15 @@ BIN := .venv/bin
 PRESETS := makse-stratification makse-segregation glass-sugar lattice-stratification
 KERNELS := $(wildcard ca_model/*.py ca_model/*/*.py continuum/*.py compare/*/kernel.py)
 
-.PHONY: run test lint bench giant killed picture lock clean
+# Set-ups of the phase diagrams: 10 records for each L / v, thresholds in steps of 0.025 and 0.033.
+MAKSE := makse-segregation --set "title=Makse 1997, section V" --set continuum.cells=200 \
+	--set ca_model.column_width=0.6666666666666666 --set ca_model.unit=0.016666666666666666
+TERNARY := ternary --set mixture.theta_33=1.0 --set mixture.psi=0.15 --set pour.records=600 \
+	--set ca_model.column_width=0.15 --set ca_model.unit=0.005
+DELTA := --vary mixture.delta=-0.3:0.5:33
+DIAGRAMS := delta-psi delta-cross_rate delta-flux delta-composition ternary
+
+.PHONY: run test lint bench giant killed picture diagrams lock clean
 
 run: .venv/.run .venv/.kernels
 	@$(MAKE) --no-print-directory -j2 --output-sync $(PRESETS:%=pour/%)
@@ -36,6 +44,24 @@ giant: .venv/.bench .venv/.kernels
 # The README's picture, from the archives of `make run`.
 picture: run
 	@cp pours/glass-sugar/comparison.png docs/glass-sugar.png
+
+# The phase diagrams of docs/phase-diagrams.md, in pours/; pictures and numbers go to docs/.
+diagrams: $(DIAGRAMS:%=diagram/%)
+
+diagram/delta-psi: MAP = $(MAKSE) --set pour.records=300 $(DELTA) --vary mixture.psi=0.02:0.5:25
+diagram/delta-cross_rate: MAP = $(MAKSE) --set pour.records=300 $(DELTA) \
+	--vary mixture.cross_rate=0.01:2:21:log --model continuum
+diagram/delta-flux: MAP = $(MAKSE) --set pour.duration=6000.0 --set pour.records=600 $(DELTA) \
+	--vary feed.total_inflow=0.25:4:17:log
+diagram/delta-composition: MAP = $(MAKSE) --set pour.records=300 $(DELTA) \
+	--vary feed.share_2=0.05:0.95:19
+diagram/ternary: MAP = $(TERNARY) --vary mixture.theta_11=0.5:1.5:21 \
+	--vary mixture.theta_22=0.5:1.5:21 --lines 0 --deposits 16
+
+diagram/%: .venv/.run .venv/.kernels
+	@mkdir -p pours/diagrams docs/diagrams
+	@echo "$*" && $(BIN)/stratify phase $(MAP) -o pours/diagrams/$*.nc --force --json > pours/diagrams/$*.json
+	@cp pours/diagrams/$*.png pours/diagrams/$*.json docs/diagrams/
 
 .venv/.run: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv

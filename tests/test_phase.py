@@ -13,6 +13,7 @@ from compare.campaign import POUR
 from compare.phase.axes import axes_of, varied
 from compare.phase.boundary import boundary
 from compare.phase.figure import draw_phase
+from compare.phase.patterns import patterns
 from compare.phase.plan import plan_of
 from compare.phase.theory import pure_slopes
 from continuum.theory.spectrum import critical_delta
@@ -237,6 +238,23 @@ def test_the_error_of_a_boundary_is_half_of_the_gap_it_lies_in() -> None:
     assert found["layered_from_error"].values[0] == pytest.approx(0.1)
 
 
+@pytest.mark.parametrize(
+    ("regime", "zone", "pattern"),
+    [
+        ("stratified", (10, 90), "stratified"),
+        ("layered-and-segregated", (0, 60), "layers above, segregated below"),
+        ("layered-and-segregated", (30, 100), "segregated above, layers below"),
+        ("segregated", (0, 10), "segregated"),
+        ("", (np.nan, np.nan), "failed"),
+    ],
+)
+def test_where_layers_lie_is_told_of_what_is_layered_and_segregated(regime, zone, pattern) -> None:
+    begin, end = zone
+    told = {"zone_layered_begin": begin, "zone_layered_end": end, "slope_length": 100.0}
+    point = xr.Dataset({name: ("model", [value]) for name, value in told.items()})
+    assert patterns(point.assign(regime=("model", [regime]))).values.tolist() == [pattern]
+
+
 # its picture
 
 
@@ -246,7 +264,7 @@ def test_a_map_shows_each_regime_at_its_point_and_both_boundaries(diagram) -> No
     assert continuum.get_xlabel() == "mixture.delta"
     for axes, model in ((lattice, "ca_model"), (continuum, "continuum")):
         drawn = axes.collections[0].get_array()
-        expected = diagram["regime"].sel(model_name=model).T
+        expected = patterns(diagram.sel(model_name=model)).T
         told = {word: set(drawn[(expected == word).values]) for word in np.unique(expected)}
         assert all(len(colours) == 1 for colours in told.values())
         assert len(set.union(*told.values())) == len(told)

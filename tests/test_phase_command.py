@@ -18,6 +18,7 @@ from running import stratify
 from compare.campaign import Job, Outcome, Outcomes, scheduler_of
 from compare.phase import phase_to_file
 from compare.phase.axes import axes_of
+from compare.phase.patterns import patterns
 from compare.phase.plan import Plan, plan_of
 from experiment import ArchiveError, Experiment, OutputExistsError, load
 from experiment.archive.storage import content_of, read_whole
@@ -26,7 +27,7 @@ QUICK = ["cell.length=20.0", "pour.duration=100.0", "pour.records=50", "continuu
 VARY = ["--vary", "mixture.delta=-0.2,0.1,0.3", "--vary", "mixture.psi=0.1,0.3,1.5"]
 QUICKLY = [part for setting in QUICK for part in ("--set", setting)]
 COMMAND = ["phase", "makse-segregation", *QUICKLY, *VARY, "--lines", "2", "--deposits", "2"]
-MEASURED = {"regime": "mixed", "layered_share": 0.0}
+MEASURED = {"regime": "mixed", "layered_share": 0.0, "slope_length": 1.0}
 IN_TURN = scheduler_of(1, None, 1)
 
 
@@ -62,9 +63,9 @@ def test_json_has_the_numbers_of_the_diagram(plan: Plan, tmp_path: Path) -> None
     for model in plan.models:
         chosen = diagram.sel(model_name=model)
         points = record[model]["points"]
-        assert sum(points.values()) == 6
-        assert all((chosen["regime"] == word).sum() == n for word, n in points.items())
-        assert sum(record[model]["failures"].values()) == 3
+        assert sum(points.values()) == 9
+        assert points.pop("failed") == sum(record[model]["failures"].values()) == 3
+        assert all((patterns(chosen) == word).sum() == n for word, n in points.items())
     assert record["delta"] == [-0.2, 0.1, 0.3]
 
 

@@ -23,13 +23,15 @@ def campaign(
 ) -> xr.Dataset:
     """What :func:`measure` finds in each of `experiments`, poured by each of `models`.
 
-    A Dataset over `model` and `pour`, with the scales of each pour beside it: total_inflow R0 [cm],
-    drift_velocity v [cm/s] and collision_rate gamma [1/s]. Where a pour fails, `failure` says why,
-    numbers are NaN and the regime is empty; the others go on. Pours are shared among as many
-    processes as `workers`, by default one a processor; with one, all is done in this process.
-    A script that calls this with more does so below `if __name__ == "__main__"`. Or they are shared
-    among the workers of the Dask cluster whose `scheduler` has this address. `progress` is
-    called with the share that is done. Raises :class:`StratifyError` where every pour fails.
+    A Dataset over `model` and `pour`, with the scales of each pour beside it: slope_length L [cm],
+    total_inflow R0 [cm], drift_velocity v [cm/s] and collision_rate gamma [1/s]. Where a pour
+    fails, `failure` says why, numbers are NaN and the regime is empty; the others go on.
+
+    Pours are shared among as many processes as `workers`, by default one a processor; with one, all
+    is done in this process. A script that calls this with more does so below
+    `if __name__ == "__main__"`. Or they are shared among the workers of the Dask cluster whose
+    `scheduler` has this address. `progress` is called with the share that is done. Raises
+    :class:`StratifyError` where every pour fails.
     """
     jobs = [Pour(model, experiment) for model in models for experiment in experiments]
     found = Table(len(jobs))

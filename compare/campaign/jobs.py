@@ -10,7 +10,7 @@ import ca_model
 import continuum
 from compare.deposit.picture import picture_of
 from compare.measurement import measure
-from compare.quantities import collision_rate, named, total_inflow, velocity
+from compare.quantities import cell_length, collision_rate, named, total_inflow, velocity
 from experiment import Experiment, StratifyError
 from experiment.arrays import Floats
 from experiment.pouring import Begin
@@ -86,7 +86,9 @@ def with_chance(experiment: Experiment, model: str) -> bool:
 
 def _scales(archive: xr.Dataset) -> dict[str, xr.Variable]:
     r0, v, gamma = total_inflow(archive), velocity(archive), collision_rate(archive)
+    length = cell_length(archive)
     return {
+        "slope_length": xr.Variable((), length, named("length L of the slope", "cm")),
         "total_inflow": xr.Variable((), r0, named("thickness R0 of what is poured", "cm")),
         "drift_velocity": xr.Variable((), v, named("velocity v of what is poured", "cm s-1")),
         "collision_rate": xr.Variable((), gamma, named("rate gamma of what is poured", "s-1")),

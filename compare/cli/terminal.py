@@ -52,15 +52,15 @@ def counting(name: str, total: int, console: Console) -> Iterator[Callable[[floa
     started = last = time.perf_counter()
     with Progress(*columns, *times, console=console, transient=True, disable=silent) as bars:
         task = bars.add_task(name, total=total)
-        begun: float | None = None
+        first: tuple[float, float] | None = None  # when the first came, and the share by then
 
         def tell(share: float) -> None:
-            nonlocal last, begun
+            nonlocal last, first
             bars.update(task, completed=round(share * total))
             now = time.perf_counter()
-            begun = share if begun is None else begun
-            if silent and now - last > EVERY and share > begun:
-                left = (1 - share) / (share - begun) * (now - started)
+            begun, before = first = first or (now, share)
+            if silent and now - last > EVERY and share > before:
+                left = (1 - share) / (share - before) * (now - begun)
                 say(f"{name}: {share * total:.0f} of {total}, {_time(left)} left", console)
                 last = now
 

@@ -50,7 +50,8 @@ def phase(
 
     - regime, and all other numbers that :func:`compare.measure` finds, with their errors;
     - failure: why a point has none, where it has none;
-    - total_inflow [cm], drift_velocity [cm/s] and collision_rate [1/s], the scales of the pour;
+    - slope_length L [cm], total_inflow R0 [cm], drift_velocity v [cm/s] and collision_rate gamma
+      [1/s], the scales of the pour;
     - deposit(picture, row, column): so many `deposits`, evenly spread, as small pictures; the
       number of its point, picture_point, and of its model, picture_model;
     - layered_from: the value of the first field from which on there are layers, with its error and

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from compare.figure import MODEL_NAMES, style
 from compare.phase.axes import DRAW
+from compare.phase.patterns import PATTERNS, patterns
 from compare.phase.theory import ONSET, pure_slopes
 from experiment.arrays import Floats, Ints
 
@@ -22,14 +23,8 @@ if TYPE_CHECKING:
 
 __all__ = ["COLOURS", "draw_phase"]
 
-COLOURS = {  # layers blue, none yellow; told apart by colour-blind eyes
-    "stratified": "#0072b2",
-    "layered-and-segregated": "#7fc4ea",
-    "segregated": "#e69f00",
-    "mixed": "#f5e5a3",
-    "unsettled": "0.75",
-    "failed": "white",
-}
+SHADES = ("#0072b2", "#009e73", "#7fc4ea", "#e69f00", "#f5e5a3", "0.75", "white")
+COLOURS = dict(zip(PATTERNS, SHADES, strict=True))  # which colour-blind eyes tell apart
 ORDER: dict[str, dict[str, Any]] = {
     "layering": {"color": "#0072b2"},
     "layered_share": {"color": "#009e73", "linestyle": "--"},
@@ -216,10 +211,9 @@ def _numbers(plane: xr.Dataset, field: str) -> Floats:
 
 
 def _regimes(of_model: xr.Dataset) -> Ints:
-    """The places of the regimes in COLOURS."""
-    names = list(COLOURS)
-    numbers = [names.index(word or "failed") for word in of_model["regime"].values.ravel()]
-    return np.array(numbers).reshape(of_model["regime"].shape)
+    """The places of the patterns in COLOURS."""
+    words = patterns(of_model)
+    return np.array([PATTERNS.index(word) for word in words.values.flat]).reshape(words.shape)
 
 
 def _patches(regime: Ints, alpha: float = 1.0) -> "Legend":

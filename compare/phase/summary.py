@@ -9,6 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from compare.phase.boundary import LAYERED_FROM
+from compare.phase.patterns import PATTERNS, patterns
 from compare.phase.theory import ONSET
 from compare.table import plain, with_error
 
@@ -21,9 +22,12 @@ def phase_table(diagram: xr.Dataset) -> Table:
     """A row for each regime, then one for where layers begin at each value of the other fields."""
     models = diagram["model_name"].values.tolist()
     sheet = Table("", *models, "spectrum", title=Text(diagram.attrs["title"], style="bold"))
-    counts = {model: _counts(diagram, model, "regime") for model in models}
-    for regime in dict.fromkeys(word for model in models for word in counts[model]):
-        sheet.add_row(f"{regime}: points", *(str(counts[model][regime]) for model in models))
+    diagram = diagram.assign(pattern=patterns(diagram))
+    counts = {model: _counts(diagram, model, "pattern") for model in models}
+    for pattern in PATTERNS:
+        numbers = [counts[model][pattern] for model in models]
+        if any(numbers):
+            sheet.add_row(f"{pattern}: points", *map(str, numbers))
     if LAYERED_FROM in diagram:
         sheet.add_section()
         sheet.add_row(Text(diagram[LAYERED_FROM].attrs["long_name"], style="bold"))
@@ -43,12 +47,13 @@ def failures(diagram: xr.Dataset) -> list[str]:
 
 def phase_record(diagram: xr.Dataset) -> dict[str, object]:
     """The same as plain numbers and words, for JSON; None where there is no number."""
+    diagram = diagram.assign(pattern=patterns(diagram))
     record: dict[str, object] = {"title": diagram.attrs["title"]}
     for name, there in diagram.coords.items():
         record[str(name)] = there.values.tolist()
     for model in diagram["model_name"].values.tolist():
         record[model] = {
-            "points": dict(_counts(diagram, model, "regime")),
+            "points": dict(_counts(diagram, model, "pattern")),
             "failures": dict(_counts(diagram, model, "failure")),
         } | {
             str(name): _plain(diagram[name].sel(model_name=model))
