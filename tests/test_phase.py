@@ -48,6 +48,7 @@ def diagram(setup: Experiment) -> xr.Dataset:
     ("text", "key", "values"),
     [
         ("mixture.delta=-0.3:0.5:5", "mixture.delta", [-0.3, -0.1, 0.1, 0.3, 0.5]),
+        ("mixture.delta=-0.3:0.3:7", "mixture.delta", [-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3]),
         ("feed.total_inflow=0.1:10:3:log", "feed.total_inflow", [0.1, 1.0, 10.0]),
         ("ca_model.contacts=1,2,all", "ca_model.contacts", [1, 2, "all"]),
         ("continuum.scheme=godunov,muscl", "continuum.scheme", ["godunov", "muscl"]),

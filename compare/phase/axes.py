@@ -25,6 +25,7 @@ __all__ = ["DRAW", "Axis", "axes_of", "varied"]
 DRAW = "draw"
 LOGARITHMIC = "log"
 MOST = 100_000  # values of an axis
+ROUND_OFF = 1e-12
 HOW = (
     "it should be KEY=LOW:HIGH:COUNT, KEY=LOW:HIGH:COUNT:log, KEY=VALUE,VALUE,... "
     "or, to be drawn, KEY=LOW:HIGH"
@@ -149,6 +150,7 @@ def _spaced(text: str, told: Sequence[str]) -> Sequence[float]:
     if spacing and low <= 0:
         raise SetupError(f"--vary {text!r}: LOW should be greater than 0 on a logarithmic axis")
     values = (np.geomspace if spacing else np.linspace)(low, high, count)
+    values[np.abs(values) < ROUND_OFF * (high - low)] = 0.0
     return [float(f"{value:.12g}") for value in values]
 
 
