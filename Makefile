@@ -43,7 +43,7 @@ picture: run
 	@touch $@
 
 .venv/.test: .venv/.run
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable ".[photo,test,zarr]"
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable ".[cluster,photo,test,zarr]"
 	@touch $@
 
 .venv/.bench: .venv/.test
@@ -58,7 +58,7 @@ picture: run
 # Newest versions that fit together; commit what it writes.
 lock:
 	rm -rf .venv && $(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --editable ".[photo,test,bench,zarr]"
+	$(BIN)/pip install --quiet --editable ".[bench,cluster,photo,test,zarr]"
 	$(BIN)/pip freeze --exclude-editable > constraints.txt
 
 clean:

@@ -9,6 +9,7 @@ numpy and of numba. Workers may join and leave at any time, and have any number 
 """
 
 import asyncio
+import logging
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -99,23 +100,43 @@ def _done(client: Client, address: str, futures: Iterable[Future[Any]]) -> set[F
 
 @contextmanager
 def _client(address: str) -> Iterator[Client]:
-    """A connection to a cluster that has workers."""
+    """A connection to a cluster that has workers; what goes wrong with it is told in one line."""
+    with _no_word_of(logging.getLogger("distributed.client")):
+        try:
+            LoopRunner().run_sync(_refuse_no_scheduler, address)  # no client is left half made
+            client = Client(address, timeout=PATIENCE, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
+            raise SetupError(
+                f"scheduler = {address}: no Dask scheduler answers there{_reason(error)}; "
+                "it should be the address that `dask scheduler` says, as in tcp://10.0.0.1:8786"
+            ) from None
+        try:
+            _refuse_without_workers(client, address)
+            yield client
+        except (CancelledError, ClosedClientError, OSError):
+            raise StratifyError(f"scheduler = {address}: the connection to it was lost") from None
+        except (ImportError, AttributeError, RuntimeError) as error:  # jobs tell theirs otherwise
+            raise SetupError(
+                f"scheduler = {address}: it and its workers should have this stratify installed"
+                f"{_reason(error)}"
+            ) from None
+        finally:
+            client.close()
+
+
+@contextmanager
+def _no_word_of(log: logging.Logger) -> Iterator[None]:
+    before, log.disabled = log.disabled, True
     try:
-        LoopRunner().run_sync(_refuse_no_scheduler, address)  # no client is left half made
-        client = Client(address, timeout=PATIENCE, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
-        reason = error.__cause__ or error
-        raise SetupError(
-            f"scheduler = {address}: no Dask scheduler answers there ({reason}); "
-            "it should be the address that `dask scheduler` says, as in tcp://10.0.0.1:8786"
-        ) from None
-    try:
-        _refuse_without_workers(client, address)
-        yield client
-    except (CancelledError, ClosedClientError, OSError):
-        raise StratifyError(f"scheduler = {address}: it was lost") from None
+        yield
     finally:
-        client.close()
+        log.disabled = before
+
+
+def _reason(error: BaseException) -> str:
+    """Why, in brackets, on one line, if there is a word of it."""
+    told = " ".join(str(error.__cause__ or error).split())
+    return f" ({told})" if told else ""
 
 
 async def _refuse_no_scheduler(address: str) -> None:
@@ -123,7 +144,7 @@ async def _refuse_no_scheduler(address: str) -> None:
     async with rpc(address, timeout=PATIENCE, connection_args=arguments) as there:
         who = await asyncio.wait_for(there.identity(), PATIENCE)
     if who["type"] != "Scheduler":
-        raise ValueError(f"but a {who['type']}")
+        raise ValueError(f"it is that of a {who['type']}")
 
 
 def _refuse_without_workers(client: Client, address: str) -> None:
