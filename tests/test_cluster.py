@@ -137,6 +137,10 @@ def take_a_while() -> Outcome:
     return succeed()
 
 
+def say_who() -> Outcome:
+    return Outcome({"process": float(os.getpid())}, {"process": {}})
+
+
 # the same numbers, each once
 
 
@@ -173,6 +177,24 @@ def test_a_job_that_ends_its_worker_is_told_and_the_others_arrive(tmp_path) -> N
     assert sorted(number for number, _ in arrived) == list(range(len(jobs)))
     assert "its workers were lost" in found.pop(1).failure
     assert all(outcome == succeed() for outcome in found.values())
+
+
+def test_what_is_lost_with_the_worker_that_had_done_it_is_done_again(tmp_path, monkeypatch) -> None:
+    gather, doomed = Client.gather, []
+
+    def gather_too_late(client: Client, *what: Any, **how: Any) -> Any:
+        while doomed:
+            os.kill(doomed.pop(), signal.SIGKILL)
+        return gather(client, *what, **how)
+
+    monkeypatch.setattr(Client, "gather", gather_too_late)
+    with cluster(tmp_path, 1, restarted=True) as there:
+        outcomes = scheduler_of(None, there.address, 8)([say_who] * 8)
+        arrived = [next(outcomes)]
+        doomed.append(int(arrived[0][1].measured["process"]))
+        arrived.extend(outcomes)
+    assert sorted(number for number, _ in arrived) == list(range(8))
+    assert len({outcome.measured["process"] for _, outcome in arrived}) == 2
 
 
 def test_jobs_are_asked_for_a_little_ahead_and_none_is_left_behind(two_workers) -> None:
@@ -278,7 +300,7 @@ def test_where_dask_is_not_installed_that_is_told(setup, monkeypatch) -> None:
 def test_when_the_scheduler_is_lost_what_is_done_is_kept(diagram, tmp_path) -> None:
     vary = [f"--vary={key}={','.join(map(str, values))}" for key, values in VARY.items()]
     settings = [f"--set={setting}" for setting in QUICK]
-    options = ["--deposits=4", "--lines=2", "-o", "phase.nc"]
+    options = ["--deposits=0", "--lines=0", "-o", "phase.nc"]
     command = ["phase", "makse-segregation", *vary, *settings, *options]
     journal = tmp_path / "phase.nc.unfinished" / "outcomes.sqlite"
 

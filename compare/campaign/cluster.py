@@ -12,12 +12,20 @@ import asyncio
 import logging
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from itertools import islice
 from typing import Any
 
-from distributed import CancelledError, Client, Future, KilledWorker, Security, get_worker, rpc
-from distributed import wait as wait_for
+from distributed import (
+    CancelledError,
+    Client,
+    Future,
+    KilledWorker,
+    Security,
+    get_worker,
+    rpc,
+    wait,
+)
 from distributed.client import ClosedClientError
 from distributed.utils import LoopRunner
 
@@ -67,12 +75,15 @@ def _as_they_come(
         under_way |= zip(futures, new, strict=True)
         if not under_way:
             return
-        done = dict(enumerate(_done(client, address, under_way)))
-        found = client.gather(done, errors="skip")  # all at once, for each way there takes a while
-        for k, future in done.items():
+        try:
+            done = _done(client, under_way)
+        except TimeoutError:
+            _refuse_without_workers(client, address)
+            continue
+        for future, outcome in done.items():
             number, job = under_way.pop(future)
             try:
-                yield number, found[k] or future.result()
+                yield number, outcome or future.result()
             except KilledWorker:
                 given_up.append((number, job))
 
@@ -87,15 +98,17 @@ def _do(job: Job, address: str, made_here: str) -> Outcome:
     return do(job)
 
 
-def _done(client: Client, address: str, futures: Iterable[Future[Any]]) -> set[Future[Any]]:
-    """Those of the `futures` that are done, once some are, as long as there are workers."""
-    while True:
-        try:
-            with client.as_current():
-                done, _ = wait_for(list(futures), PATIENCE, "FIRST_COMPLETED")
-                return set(done)
-        except TimeoutError:
-            _refuse_without_workers(client, address)
+def _done(client: Client, futures: Iterable[Future[Any]]) -> dict[Future[Any], Any]:
+    """Those of the `futures` that are done, once some are, with what came of them or None.
+
+    Raises :class:`TimeoutError` where that takes longer than PATIENCE.
+    """
+    with client.as_current():
+        done, _ = wait(list(futures), PATIENCE, "FIRST_COMPLETED")
+    numbered = dict(enumerate(done))
+    ask = partial(client.gather, numbered, errors="skip", asynchronous=True)  # all on one way
+    found = client.sync(ask, callback_timeout=PATIENCE)
+    return {future: found[k] for k, future in numbered.items()}
 
 
 @contextmanager
@@ -141,7 +154,7 @@ def _reason(error: BaseException) -> str:
 
 async def _refuse_no_scheduler(address: str) -> None:
     arguments = Security().get_connection_args("client")
-    async with rpc(address, timeout=PATIENCE, connection_args=arguments) as there:
+    async with rpc(address, timeout=PATIENCE / 2, connection_args=arguments) as there:
         who = await asyncio.wait_for(there.identity(), PATIENCE)
     if who["type"] != "Scheduler":
         raise ValueError(f"it is that of a {who['type']}")
