@@ -33,6 +33,7 @@ VARY = {"mixture.delta": [-0.2, 0.0, 0.1, 0.3], "mixture.psi": [0.1, 0.3, 1.5]}
 JOBS = 2 * 12 + 2  # both models at each point, a third of which makes no set-up, and two lines
 DASK = [sys.executable, "-m", "dask"]
 HERE = ["--host", "127.0.0.1", "--no-dashboard"]
+LEFT_ALONE = ["--idle-timeout", "10 minutes"]  # it ends, where the tests were killed
 
 
 class Cluster(NamedTuple):
@@ -64,9 +65,9 @@ def cluster(
             return started
 
         told = folder / "scheduler.json"
-        scheduler = start("scheduler", "--port", "0", "--scheduler-file", str(told))
+        scheduler = start("scheduler", "--port", "0", "--scheduler-file", str(told), *LEFT_ALONE)
         address = eventually(lambda: address_in(told))
-        options = ["--nanny" if restarted else "--no-nanny", "--local-directory", str(folder)]
+        options = [f"--{'' if restarted else 'no-'}nanny", "--local-directory", str(folder)]
         yield Cluster(
             address,
             scheduler,

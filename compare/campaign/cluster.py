@@ -1,7 +1,7 @@
 """Jobs on the workers of a Dask cluster, on however many machines.
 
 A job whose worker is lost is done by another one; each outcome arrives once. Dask gives up a job
-that was with several workers when they were lost, be it that it was waiting only. Such jobs are
+that was with several workers when they were lost, even one that only waited there. Such jobs are
 then done one by one, and the one with which workers are lost again is told as failed.
 
 Numbers are the same as here, for a worker does a job only if it has this version of `stratify`, of
