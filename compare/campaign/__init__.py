@@ -6,8 +6,18 @@ numbers are the same wherever a job is done.
 """
 
 from compare.campaign.campaign import campaign
-from compare.campaign.jobs import BEGIN, CHECK, POUR, Job, Outcome, Pour, with_chance
-from compare.campaign.schedulers import Outcomes, Scheduler, scheduler_of
+from compare.campaign.jobs import (
+    BEGIN,
+    CHECK,
+    POUR,
+    Job,
+    Outcome,
+    Outcomes,
+    Pour,
+    Scheduler,
+    with_chance,
+)
+from compare.campaign.schedulers import scheduler_of
 from compare.campaign.table import Table
 
 __all__ = [

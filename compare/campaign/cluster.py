@@ -1,85 +1,169 @@
 """Jobs on the workers of a Dask cluster, on however many machines.
 
-A job whose worker is lost is done by another one; each outcome arrives once. Workers must have this
-version of `stratify` with the same numpy and numba, so that their numbers are the same as here.
+A job whose worker is lost is done by another one; each outcome arrives once. Dask gives up a job
+that was with several workers when they were lost, even one that only waited there. Such jobs are
+then done one by one, and the one with which workers are lost again is told as failed.
+
+Numbers are the same as here, for a worker does a job only if it has this version of `stratify`, of
+numpy and of numba. Workers may join and leave at any time, and have any number of threads.
 """
 
-from collections.abc import Generator, Iterable, Iterator
+import asyncio
+import logging
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from functools import cache, partial
 from itertools import islice
-from typing import TYPE_CHECKING
+from typing import Any
 
-from compare.campaign.jobs import Job, Outcome, do, failed
+from distributed import (
+    CancelledError,
+    Client,
+    Future,
+    KilledWorker,
+    Security,
+    get_worker,
+    rpc,
+    wait,
+)
+from distributed.client import ClosedClientError
+from distributed.utils import LoopRunner
+
+from compare.campaign.jobs import Job, Numbered, Outcome, Outcomes, Scheduler, do, failed
 from experiment import SetupError, StratifyError
 from experiment.archive.provenance import made_by
 
-if TYPE_CHECKING:
-    from distributed import Client
-
-__all__ = ["on_cluster"]
+__all__ = ["cluster_at"]
 
 AHEAD = 3  # jobs a worker's thread, of which one is done and the others wait
-PATIENCE = 20.0  # s, to reach the scheduler, and to see a worker
+PATIENCE = 10.0  # s, to reach the scheduler, and to see a worker
+_made_by = cache(made_by)  # it reads files
+ENDED = "its workers were lost, several in turn, perhaps for want of memory"
 
-Outcomes = Generator[tuple[int, Outcome], None, None]
 
+def cluster_at(address: str) -> Scheduler:
+    """What shares jobs among the workers of the cluster whose scheduler is at `address`.
 
-def on_cluster(jobs: Iterable[Job], address: str) -> Outcomes:
-    """The outcomes of `jobs` as they come from the cluster whose scheduler is at `address`.
-
-    Raises :class:`SetupError` where there is none, or its workers differ from this process.
+    When it is closed, jobs that wait there are forgotten, those that a worker does are not heard.
+    Raises :class:`SetupError` where no scheduler answers, there or later, or it has no workers, or
+    one of them differs from this process.
     """
-    from distributed import CancelledError, KilledWorker, as_completed
+    with _client(address):
+        return lambda jobs: _on_cluster(jobs, address)
 
-    waiting = iter(enumerate(jobs))
+
+def _on_cluster(jobs: Iterable[Job], address: str) -> Outcomes:
+    suspects: list[Numbered] = []
     with _client(address) as client:
-        room = AHEAD * sum(client.nthreads().values())
-        numbers = {
-            client.submit(do, job, pure=False): number for number, job in islice(waiting, room)
-        }
-        done = as_completed(numbers)
-        for future in done:
+        yield from _as_they_come(client, address, iter(enumerate(jobs)), suspects)
+        for suspect in suspects:
+            guilty: list[Numbered] = []
+            yield from _as_they_come(client, address, iter([suspect]), guilty)
+            yield from ((number, failed(ENDED)) for number, _ in guilty)
+
+
+def _as_they_come(
+    client: Client, address: str, waiting: Iterator[Numbered], given_up: list[Numbered]
+) -> Outcomes:
+    """Outcomes of the jobs that are `waiting`, but for those that are `given_up` by Dask."""
+    under_way: dict[Future[Outcome], Numbered] = {}
+    while True:
+        room = AHEAD * max(1, sum(client.nthreads().values())) - len(under_way)
+        new = list(islice(waiting, max(0, room)))
+        jobs = [job for _, job in new]
+        futures = client.map(_do, jobs, address=address, made_here=_made_by(), pure=False)
+        under_way |= zip(futures, new, strict=True)
+        if not under_way:
+            return
+        try:
+            done = _done(client, under_way)
+        except TimeoutError:
+            _refuse_without_workers(client, address)
+            continue
+        for future, outcome in done.items():
+            number, job = under_way.pop(future)
             try:
-                outcome = future.result()
-            except KilledWorker as error:
-                outcome = failed(f"workers were lost with it: {error}")
-            except CancelledError:
-                raise StratifyError(f"scheduler = {address}: it was lost") from None
-            yield numbers.pop(future), outcome
-            for number, job in islice(waiting, 1):
-                after = client.submit(do, job, pure=False)
-                numbers[after] = number
-                done.add(after)
+                yield number, outcome or future.result()
+            except KilledWorker:
+                given_up.append((number, job))
+
+
+def _do(job: Job, address: str, made_here: str) -> Outcome:
+    """What comes of `job`, by a worker that is like the process it comes from."""
+    if _made_by() != made_here:
+        raise SetupError(
+            f"scheduler = {address}: its worker {get_worker().address} is {_made_by()}, "
+            f"here is {made_here}; both should be the same"
+        )
+    return do(job)
+
+
+def _done(client: Client, futures: Iterable[Future[Any]]) -> dict[Future[Any], Any]:
+    """Those of the `futures` that are done, once some are, with what came of them or None.
+
+    Raises :class:`TimeoutError` where that takes longer than PATIENCE.
+    """
+    with client.as_current():
+        done, _ = wait(list(futures), PATIENCE, "FIRST_COMPLETED")
+    numbered = dict(enumerate(done))
+    ask = partial(client.gather, numbered, errors="skip", asynchronous=True)  # all on one way
+    found = client.sync(ask, callback_timeout=PATIENCE)
+    return {future: found[k] for k, future in numbered.items()}
 
 
 @contextmanager
-def _client(address: str) -> Iterator["Client"]:
-    """A connection to a cluster that has workers like this process."""
-    try:
-        from distributed import Client
-    except ImportError:
-        raise SetupError(
-            f"scheduler = {address}: it needs dask: pip install 'stratify[cluster]'"
-        ) from None
-    try:
-        client = Client(address, timeout=PATIENCE, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
-        raise SetupError(
-            f"scheduler = {address}: no Dask scheduler answers there: {error}"
-        ) from None
-    with client:
-        _refuse_unlike(client, address)
-        yield client
-
-
-def _refuse_unlike(client: "Client", address: str) -> None:
-    try:
-        client.wait_for_workers(1, timeout=PATIENCE)
-    except TimeoutError:
-        raise SetupError(f"scheduler = {address}: it has no workers") from None
-    here = made_by()
-    for worker, there in client.run(made_by).items():
-        if there != here:
+def _client(address: str) -> Iterator[Client]:
+    """A connection to a cluster that has workers; what goes wrong with it is told in one line."""
+    with _no_word_of(logging.getLogger("distributed.client")):
+        try:
+            LoopRunner().run_sync(_refuse_no_scheduler, address)  # no client is left half made
+            client = Client(address, timeout=PATIENCE, set_as_default=False)
+        except (OSError, ValueError, TypeError) as error:
             raise SetupError(
-                f"scheduler = {address}: its worker {worker} is {there}, here is {here}"
-            )
+                f"scheduler = {address}: no Dask scheduler answers there{_reason(error)}; "
+                "it should be the address that `dask scheduler` says, as in tcp://10.0.0.1:8786"
+            ) from None
+        try:
+            _refuse_without_workers(client, address)
+            yield client
+        except (CancelledError, ClosedClientError, OSError):
+            raise StratifyError(f"scheduler = {address}: the connection to it was lost") from None
+        except (ImportError, AttributeError, RuntimeError) as error:  # jobs tell theirs otherwise
+            raise SetupError(
+                f"scheduler = {address}: it and its workers should have this stratify installed"
+                f"{_reason(error)}"
+            ) from None
+        finally:
+            client.close()
+
+
+@contextmanager
+def _no_word_of(log: logging.Logger) -> Iterator[None]:
+    before, log.disabled = log.disabled, True
+    try:
+        yield
+    finally:
+        log.disabled = before
+
+
+def _reason(error: BaseException) -> str:
+    """Why, in brackets, on one line, if there is a word of it."""
+    told = " ".join(str(error.__cause__ or error).split())
+    return f" ({told})" if told else ""
+
+
+async def _refuse_no_scheduler(address: str) -> None:
+    arguments = Security().get_connection_args("client")
+    async with rpc(address, timeout=PATIENCE / 2, connection_args=arguments) as there:
+        who = await asyncio.wait_for(there.identity(), PATIENCE)
+    if who["type"] != "Scheduler":
+        raise ValueError(f"it is that of a {who['type']}")
+
+
+def _refuse_without_workers(client: Client, address: str) -> None:
+    try:
+        client.wait_for_workers(1, PATIENCE)
+    except TimeoutError:
+        raise SetupError(
+            f"scheduler = {address}: it has no workers; `dask worker {address}` starts one"
+        ) from None

@@ -1,6 +1,6 @@
 """One pour of many: what is poured, and what comes of it."""
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Generator, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -15,7 +15,20 @@ from experiment import Experiment, StratifyError
 from experiment.arrays import Floats
 from experiment.pouring import Begin
 
-__all__ = ["BEGIN", "CHECK", "POUR", "Job", "Outcome", "Pour", "do", "with_chance"]
+__all__ = [
+    "BEGIN",
+    "CHECK",
+    "POUR",
+    "Job",
+    "Numbered",
+    "Outcome",
+    "Outcomes",
+    "Pour",
+    "Scheduler",
+    "do",
+    "failed",
+    "with_chance",
+]
 
 POUR: dict[str, Callable[..., xr.Dataset]] = {
     "ca_model": ca_model.pour,
@@ -58,6 +71,9 @@ class Pour:
 
 
 Job = Callable[[], Outcome]
+Numbered = tuple[int, Job]
+Outcomes = Generator[tuple[int, Outcome], None, None]  # with the number of each job
+Scheduler = Callable[[Iterable[Job]], Outcomes]
 
 
 def do(job: Job) -> Outcome:

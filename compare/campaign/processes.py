@@ -14,22 +14,19 @@ import os
 import signal
 import threading
 from collections import deque
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import islice
 
-from compare.campaign.jobs import Job, Outcome, do, failed
+from compare.campaign.jobs import Job, Numbered, Outcome, Outcomes, do, failed
 
 __all__ = ["in_processes"]
 
 START = "spawn"  # forks copy the locks of threads that they do not have
 AHEAD = 3  # jobs a worker, of which one is done and the others wait
 ENDED = "its process was ended from outside, twice, perhaps for want of memory"
-
-Numbered = tuple[int, Job]
-Outcomes = Generator[tuple[int, Outcome], None, None]
 
 
 def in_processes(jobs: Iterable[Job], workers: int) -> Outcomes:
