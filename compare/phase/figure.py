@@ -35,6 +35,8 @@ GROWTH: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 3, "lin
 BARS: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 3, "linestyle": ""}
 MARK: dict[str, Any] = {"boxstyle": "circle,pad=0.2", "facecolor": "white", "linewidth": 0.6}
 ACROSS = 4  # pictures
+NARROWEST = 6.6  # inches, for two columns of the legend
+FEW = 1.5  # decades, within which more is labelled than the powers of ten
 EVEN = 1e-6  # relative difference of ratios that are equal
 
 
@@ -52,13 +54,14 @@ def draw_phase(diagram: xr.Dataset) -> "Figure":
     most = max(len(_pictures(plane, model)) for model in models)
     rows = -(-most // ACROSS)
     with style():
-        figure = Figure(figsize=(5.2 * len(models), 4.8 + 1.3 * rows))
+        figure = Figure(figsize=(max(5.2 * len(models), NARROWEST), 4.8 + 1.3 * rows))
         legend: Legend = {}
         columns = figure.subfigures(1, len(models), squeeze=False)[0]
         for column, model in zip(columns, models, strict=True):
             legend |= _draw_model(column, plane, model, rows)
         figure.suptitle(plane.attrs["title"], parse_math=False)
-        figure.legend(list(legend.values()), list(legend), loc="outside lower center", ncols=3)
+        across = min(len(models) + 1, 3)
+        figure.legend(list(legend.values()), list(legend), loc="outside lower center", ncols=across)
     return figure
 
 
@@ -229,7 +232,7 @@ def _patches(regime: Ints, alpha: float = 1.0) -> "Legend":
 
 def _label(axis: Any, plane: xr.Dataset, field: str) -> None:
     """Say what the axis is of; logarithmic for values of one ratio, words where it is of words."""
-    from matplotlib.ticker import LogFormatter
+    from matplotlib.ticker import NullFormatter, StrMethodFormatter
 
     units = plane[field].attrs.get("units", "1")
     axis.set_label_text(plane[field].attrs["field"] + (f" ({units})" if units != "1" else ""))
@@ -238,8 +241,10 @@ def _label(axis: Any, plane: xr.Dataset, field: str) -> None:
         axis.set_ticks(np.arange(len(values)), values.tolist())
     elif _is_geometric(values):
         axis._set_axes_scale("log")
-        axis.set_major_formatter(LogFormatter(labelOnlyBase=False))
-        axis.set_minor_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(2, 0.8)))
+        plain = StrMethodFormatter("{x:g}")
+        axis.set_major_formatter(plain)
+        is_short = values[-1] < 10**FEW * values[0]
+        axis.set_minor_formatter(plain if is_short else NullFormatter())
 
 
 def _is_of_numbers(values: NDArray[Any]) -> bool:
