@@ -127,6 +127,11 @@ def test_a_field_that_cannot_vary_so_is_refused_before_anything_is_poured(
         plan_of(setup, axes_of({key: values}), list(POUR))
 
 
+def test_a_model_that_nobody_knows_is_refused(setup: Experiment) -> None:
+    with pytest.raises(SetupError, match=r"models = \['dem'\]: allowed: ca_model, continuum"):
+        phase(setup, {"mixture.psi": [0.1]}, ["dem"])
+
+
 # what is kept of each point
 
 
@@ -197,6 +202,7 @@ def test_a_diagram_carries_the_set_up_it_was_made_from(setup, diagram) -> None:
 
 def test_the_onset_in_the_spectrum_is_the_critical_delta_of_each_line(setup, diagram) -> None:
     assert math.isnan(diagram["spectrum_onset"].sel(psi=1.5))
+    assert "it makes a repose slope of -0.5" in diagram["spectrum_onset"].attrs["comment"]
     expected = critical_delta(setup.with_values({"mixture.psi": 0.1}), (-0.2, 0.3))
     assert float(diagram["spectrum_onset"].sel(psi=0.1)) == pytest.approx(expected, abs=1e-3)
 

@@ -40,7 +40,7 @@ def campaign(
         for number, outcome in outcomes:
             found.put(number, outcome)
             if progress is not None:
-                progress(found.done.mean())
+                progress(found.told / len(jobs))
     told = found.variables({"model": len(models), "pour": len(experiments)})
     names = {"model_name": ("model", list(models))}
     return xr.Dataset(told).assign_coords(names).set_xindex("model_name")

@@ -18,6 +18,7 @@ class Table:
     """The outcomes of so many jobs, as they come; NaN, or no word, where there is none."""
 
     def __init__(self, jobs: int) -> None:
+        self.told = 0
         self.done = np.zeros(jobs, dtype=bool)
         self.failure = np.full(jobs, "", dtype=object)
         self._arrays: dict[str, NDArray[Any]] = {}
@@ -25,6 +26,7 @@ class Table:
 
     def put(self, number: int, outcome: Outcome) -> None:
         """Keep what came of the job of this number."""
+        self.told += 1
         self.done[number] = True
         self.failure[number] = outcome.failure
         for name, value in outcome.measured.items():

@@ -1,31 +1,24 @@
-"""A phase diagram: what both models measure at each point, as one Dataset over what varies."""
+"""A phase diagram: a set-up poured by both models at each point, in memory or into a file."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
-from compare.campaign import POUR, Outcome, Scheduler, Table, scheduler_of
+from compare.campaign import POUR, Scheduler, scheduler_of
 from compare.phase.axes import axes_of
-from compare.phase.boundary import boundary
+from compare.phase.findings import PLAN, Findings
 from compare.phase.journal import Journal, journal_beside
 from compare.phase.plan import Plan, plan_of
-from compare.phase.theory import ONSET
-from compare.quantities import named
 from experiment import Experiment, OutputExistsError
 from experiment.archive.files import refuse_existing
-from experiment.archive.layout import CONVENTIONS, REFERENCES, history
-from experiment.archive.provenance import made_by
 from experiment.archive.storage import read_whole, write_whole
-from experiment.arrays import Floats
 
 __all__ = ["phase", "phase_to_file"]
 
 LINES = 16
-PLAN = "plan_sha256"
 Progress = Callable[[float], object]
 
 
@@ -105,7 +98,7 @@ def _worked_out(
     scheduler: Scheduler,
     progress: Progress | None = None,
     journal: Journal | None = None,
-) -> "Findings":
+) -> Findings:
     """What all jobs of `plan` tell, those that the `journal` has and those left."""
     found = Findings(plan)
     for number, outcome in journal.outcomes() if journal is not None else ():
@@ -119,88 +112,3 @@ def _worked_out(
             if progress is not None:
                 progress(found.told / len(plan))
     return found
-
-
-class Findings:
-    """What the jobs of a plan told, as they come."""
-
-    def __init__(self, plan: Plan) -> None:
-        self._plan = plan
-        self._pours, self._lines = Table(plan.pours), Table(len(plan.lines))
-        self._pictures: dict[int, Floats] = {}
-
-    @property
-    def told(self) -> int:
-        """How many jobs are done."""
-        return int(self._pours.done.sum() + self._lines.done.sum())
-
-    def left(self) -> list[int]:
-        """The numbers of the jobs that are not."""
-        return np.flatnonzero(~np.append(self._pours.done, self._lines.done)).tolist()
-
-    def put(self, number: int, outcome: Outcome) -> None:
-        """Keep what came of a job."""
-        if number < self._plan.pours:
-            self._pours.put(number, outcome)
-        else:
-            self._lines.put(number - self._plan.pours, outcome)
-        if outcome.picture is not None:
-            self._pictures[number] = outcome.picture
-
-    def dataset(self) -> xr.Dataset:
-        """The diagram. Raises :class:`StratifyError` where no pour could be measured."""
-        plan = self._plan
-        sizes = {axis.dim: axis.size for axis in plan.axes}
-        told = self._pours.variables(sizes | {"model": len(plan.models)})
-        known = {name: there for axis in plan.axes for name, there in axis.coordinates.items()}
-        found = xr.Dataset(
-            {name: values for name, values in told.items() if name not in known}
-            | self._onsets(sizes)
-            | self._deposits(),
-            known | {"model_name": ("model", list(plan.models))},
-            {
-                "Conventions": CONVENTIONS,
-                "title": f"{plan.experiment.title}: phase diagram",
-                "source": made_by(),
-                "history": history("mapped"),
-                "references": REFERENCES,
-                "experiment": plan.experiment.to_toml(),
-                PLAN: plan.digest,
-            },
-        )
-        words = [str(name) for name in found.coords if str(name).endswith("_name")]
-        for name in words:
-            found = found.set_xindex(name)
-        return found.assign(boundary(found, plan.axes[0].dim)) if plan.is_graded else found
-
-    def _onsets(self, sizes: Mapping[str, int]) -> dict[str, tuple[Any, ...]]:
-        """The onset in the spectrum over all dimensions but the first."""
-        if not self._plan.lines:
-            return {}
-        dims, shape = list(sizes)[1:], list(sizes.values())[1:]
-        key = next(iter(self._plan.axes[0].fields))
-        onset = np.full(int(np.prod(shape)), np.nan)
-        onset[list(self._plan.lines)] = self._lines.values_of(ONSET)
-        meaning = f"{key} from which on disturbances of the steady pile grow"
-        return {ONSET: (dims, onset.reshape(shape), named(meaning, ""))}
-
-    def _deposits(self) -> dict[str, tuple[Any, ...]]:
-        """The small pictures, and what they are of."""
-        if not self._pictures:
-            return {}
-        numbers = np.array(sorted(self._pictures))
-        point, model = np.divmod(numbers, len(self._plan.models))
-        pictures = np.array([self._pictures[number] for number in numbers.tolist()])
-        return {
-            "deposit": (
-                ("picture", "row", "column"),
-                pictures,
-                named("coarseness of the deposit, its columns let down to one floor"),
-            ),
-            "picture_point": (
-                "picture",
-                point,
-                named("number of its point, the last axis fastest"),
-            ),
-            "picture_model": ("picture", model, named("number of its model")),
-        }

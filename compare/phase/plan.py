@@ -55,22 +55,21 @@ class Plan:
         numbers = all(type(value) in {int, float} for value in values)
         return first.dim != DRAW and numbers and len(values) > 1 and sorted(values) == list(values)
 
-    def values(self, point: int) -> dict[str, Any]:
-        """The values of the fields that vary, at a point of the diagram."""
-        return _at(self.axes, point)
-
     def jobs(self, left: Collection[int]) -> Iterator[Job]:
         """Those jobs whose numbers are `left`."""
-        return (self._job(number) for number in left)
+        pictured = set(self.pictured)
+        for number in left:
+            point, model = divmod(number, len(self.models))
+            if number < self.pours:
+                values = _at(self.axes, point)
+                yield Pour(self.models[model], self.experiment, values, point in pictured)
+            else:
+                yield self._onset(self.lines[number - self.pours])
 
-    def _job(self, number: int) -> Job:
-        if number >= self.pours:
-            first, *others = self.axes
-            ((key, values),) = first.fields.items()
-            line = self.lines[number - self.pours]
-            return Onset(self.experiment, key, (values[0], values[-1]), _at(others, line))
-        point, model = divmod(number, len(self.models))
-        return Pour(self.models[model], self.experiment, self.values(point), point in self.pictured)
+    def _onset(self, line: int) -> Onset:
+        first, *others = self.axes
+        ((key, values),) = first.fields.items()
+        return Onset(self.experiment, key, (values[0], values[-1]), _at(others, line))
 
     def told(self) -> dict[str, str]:
         """All that the outcomes depend on, in words."""
@@ -108,6 +107,9 @@ def plan_of(
     points = math.prod(shape)
     if points > MOST_POINTS:
         raise SetupError(f"vary: {points} points; at most {MOST_POINTS} are allowed")
+    unknown = [model for model in models if model not in CHECK]
+    if unknown or not models:
+        raise SetupError(f"models = {list(models)}: allowed: {', '.join(CHECK)}, one or both")
     sound = sound_setup(experiment, axes)
     for model in models:
         CHECK[model](sound)

@@ -13,7 +13,6 @@ import numpy as np
 import xarray as xr
 
 from compare.campaign import Outcome
-from compare.quantities import named
 from continuum.theory.spectrum import critical_value
 from experiment import Experiment, SetupError
 from experiment.archive import experiment_of
@@ -36,10 +35,7 @@ class Onset:
     def __call__(self) -> Outcome:
         """Find it. Raises :class:`NotApplicableError` where it does not lie in the bracket."""
         at = self.experiment.with_values(self.values)
-        meaning = f"{self.key} from which on disturbances of the steady pile grow"
-        return Outcome(
-            {ONSET: critical_value(at, self.key, self.bracket)}, {ONSET: named(meaning, "")}
-        )
+        return Outcome({ONSET: critical_value(at, self.key, self.bracket)}, {})
 
 
 def pure_slopes(diagram: xr.Dataset) -> Floats:
