@@ -5,11 +5,13 @@ BIN := .venv/bin
 PRESETS := makse-stratification makse-segregation glass-sugar lattice-stratification
 KERNELS := $(wildcard ca_model/*.py ca_model/*/*.py continuum/*.py compare/*/kernel.py)
 
-# Set-ups of the phase diagrams: 10 records for each L / v, thresholds in steps of 0.025 and 0.033.
+# Set-ups of the phase diagrams: 10 records for each L / v; on the lattice columns of 10 small grains,
+# of 5 units to 11 (3, 8 and 16), whose slopes come in single units, not in steps of a grain.
 MAKSE := makse-segregation --set "title=Makse 1997, section V" --set continuum.cells=200 \
-	--set ca_model.column_width=0.6666666666666666 --set ca_model.unit=0.016666666666666666
+	--set ca_model.column_width=0.6666666666666666 --set ca_model.unit=0.012346 \
+	--set ca_model.arrivals=drawn
 TERNARY := ternary --set mixture.theta_33=1.0 --set mixture.psi=0.15 --set pour.records=600 \
-	--set ca_model.column_width=0.15 --set ca_model.unit=0.005
+	--set ca_model.column_width=0.15 --set ca_model.unit=0.005 --set ca_model.arrivals=drawn
 DELTA := --vary mixture.delta=-0.3:0.5:33
 DIAGRAMS := delta-psi delta-cross_rate delta-flux delta-composition ternary
 
