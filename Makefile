@@ -58,7 +58,7 @@ diagram/delta-flux: MAP = $(MAKSE) --set pour.duration=6000.0 --set pour.records
 diagram/delta-composition: MAP = $(MAKSE) --set pour.records=300 $(DELTA) \
 	--vary feed.share_2=0.05:0.95:19
 diagram/ternary: MAP = $(TERNARY) --vary mixture.theta_11=0.5:1.5:21 \
-	--vary mixture.theta_22=0.5:1.5:21 --lines 0 --deposits 16
+	--vary mixture.theta_22=0.5:1.5:21 --lines 0
 
 diagram/%: .venv/.run .venv/.kernels
 	@mkdir -p pours/diagrams docs/diagrams
