@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from compare.kymograph.regression import robust
+from compare.kymograph.regression import correlation_length, robust
 from experiment.arrays import Floats
 
 __all__ = ["Curves", "fit"]
@@ -74,7 +74,8 @@ def _errors(
     """Standard errors of the coefficients, scatter, and how many passages are independent."""
     p = basis.shape[-1]
     n = np.maximum(kept.sum(axis=1), 1)
-    tau = np.clip(_correlation_length(residual, kept, least), 1.0, np.maximum(1.0, n / (p + 1.0)))
+    alike = correlation_length(residual, kept, ROUNDING * least)
+    tau = np.clip(alike, 1.0, np.maximum(1.0, n / (p + 1.0)))
     independent = n / tau
     variance = (residual**2).sum(axis=1) / n * independent / np.maximum(independent - p, 1.0)
     normal = np.einsum("lxi,lxj->lij", basis * kept[..., None], basis)
@@ -92,21 +93,3 @@ def _median(values: Floats, there: Bools) -> Floats:
 
 def _powers(u: Floats, degree: int) -> Floats:
     return np.stack([u**k for k in range(degree + 1)], axis=-1)
-
-
-def _correlation_length(residual: Floats, there: Bools, least: float) -> Floats:
-    """Columns tau (line,) that count as one, from residuals (line, x); 1 where there are none."""
-    n = residual.shape[1]
-    size = 2 ** int(np.ceil(np.log2(2 * n)))
-
-    def correlate(values: Floats) -> Floats:
-        spectrum = np.fft.rfft(values, size, axis=1)
-        return np.fft.irfft(np.abs(spectrum) ** 2, size, axis=1)[:, :n]
-
-    total = correlate(residual)
-    pairs = np.maximum(np.round(correlate(there.astype(float))), 1.0)
-    variance = np.maximum(total[:, :1] / pairs[:, :1], (ROUNDING * least) ** 2)
-    rho = total / pairs / variance
-    positive = np.logical_and.accumulate(rho > 0.0, axis=1)
-    length: Floats = 1.0 + 2.0 * (rho * positive)[:, 1:].sum(axis=1)
-    return length

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from experiment.arrays import Floats
 
-__all__ = ["robust"]
+__all__ = ["correlation_length", "robust"]
 
 Bools = NDArray[np.bool_]
 
@@ -99,3 +99,33 @@ def upper_median(values: Floats) -> float:
         if middle < i:
             last = j
     return float(values[middle])
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def correlation_length(residual: Floats, there: Bools, least: float) -> Floats:
+    """1 + 2 sum_k rho_k (line,) of residuals (line, x) that are 0 where they are not `there`.
+
+    rho_k is their autocorrelation at k columns, up to its first zero; there is none of residuals
+    below the `least`.
+    """
+    lines, columns = residual.shape
+    length = np.ones(lines)
+    for line in range(lines):
+        r, known = residual[line], there[line]
+        variance = max(_mean_product(r, known, 0), least**2)
+        for k in range(1, columns):
+            rho = _mean_product(r, known, k) / variance
+            if not rho > 0.0:
+                break
+            length[line] += 2.0 * rho
+    return length
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _mean_product(values: Floats, there: Bools, apart: int) -> float:
+    """The mean of v_i v_(i + apart), of those that are both `there`; 0 of none."""
+    total, pairs = 0.0, 0
+    for i in range(values.size - apart):
+        total += values[i] * values[i + apart]
+        pairs += there[i] & there[i + apart]
+    return total / max(pairs, 1)
