@@ -4,8 +4,8 @@ from functools import cached_property
 
 import xarray as xr
 
-from compare.deposit import layers
-from compare.kymograph import kinks_and_fronts
+from compare.deposit import Laid, look
+from compare.kymograph import Told, follow
 
 __all__ = ["Strata"]
 
@@ -22,11 +22,11 @@ class Strata:
 
     def kinks(self) -> xr.Dataset:
         """Lines where the flow stops; see :func:`compare.kinks`."""
-        return self._lines[0]
+        return self._kinks
 
     def fronts(self) -> xr.Dataset:
         """Lines where the flow sets in; see :func:`compare.fronts`."""
-        return self._lines[1]
+        return self._fronts
 
     def layers(self) -> xr.Dataset:
         """Layers and zones of the deposit; see :func:`compare.layers`."""
@@ -37,12 +37,26 @@ class Strata:
         return self._measured
 
     @cached_property
-    def _lines(self) -> tuple[xr.Dataset, xr.Dataset]:
-        return kinks_and_fronts(self._archive)
+    def lines(self) -> tuple[Told, Told]:
+        """What is told of kinks and of fronts, as arrays."""
+        return follow(self._archive)
+
+    @cached_property
+    def laid(self) -> Laid:
+        """What is told of the deposit, as numbers and arrays."""
+        return look(self._archive)
+
+    @cached_property
+    def _kinks(self) -> xr.Dataset:
+        return self.lines[0].dataset()
+
+    @cached_property
+    def _fronts(self) -> xr.Dataset:
+        return self.lines[1].dataset()
 
     @cached_property
     def _layers(self) -> xr.Dataset:
-        return layers(self._archive)
+        return self.laid.dataset()
 
     @cached_property
     def _measured(self) -> xr.Dataset:

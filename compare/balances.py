@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from compare.quantities import flux, rise_velocity, total_inflow, velocity
+from compare.quantities import flux, rise_velocity, total_inflow, values_of, velocity
 
 __all__ = ["Measured", "balances", "unbalanced", "volume_residual"]
 
@@ -67,7 +67,8 @@ def volume_residual(archive: xr.Dataset) -> float:
     |poured - rolling - deposited - fallen off| over what was poured of the species in the end.
     """
     poured, rolling, deposited, fallen = (
-        archive[f"{name}_volume"].values for name in ("poured", "rolling", "deposited", "outflow")
+        values_of(archive, f"{name}_volume")
+        for name in ("poured", "rolling", "deposited", "outflow")
     )
     missing = np.abs(poured - (rolling + deposited + fallen)).max(axis=0)
     total = poured[-1]

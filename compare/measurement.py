@@ -8,8 +8,8 @@ import xarray as xr
 
 from compare.accessor import Strata
 from compare.balances import Measured, balances, unbalanced, volume_residual
-from compare.kymograph import cycle_period, mean_velocity
 from compare.quantities import (
+    Quantity,
     cell_length,
     quantity,
     settled_thickness,
@@ -21,10 +21,9 @@ from compare.regimes import regime
 from experiment import ArchiveError
 from experiment.archive import experiment_of
 
-__all__ = ["compare", "in_detail", "measure", "refuse_unlike"]
+__all__ = ["compare", "in_detail", "measure", "numbers_of", "refuse_unlike"]
 
 OF_ANY = ("layering", "pure_share", "layered_share", "segregation")  # deposit, however thin
-UNKNOWN = np.array(np.nan)
 BALANCES = {
     "wavelength_of_period": ("cm", "R0 v T / L"),
     "period_residual": ("1", "wavelength over R0 v T / L, less 1"),
@@ -42,22 +41,29 @@ def measure(archive: xr.Dataset) -> xr.Dataset:
     where the regime has none, those that need lines where there are none. Raises
     :class:`ArchiveError` for a drum, and where the source moves.
     """
+    told, comment = numbers_of(archive)
+    return xr.Dataset(told, attrs={"comment": comment} if comment else {})
+
+
+def numbers_of(archive: xr.Dataset) -> tuple[dict[str, Quantity], str]:
+    """What :func:`measure` tells, by name, and its comment; empty where there is nothing to say."""
     reason = why_not_measured(archive)
     if reason is not None:
         raise ArchiveError(reason)
     strata: Strata = archive.strata
-    layers = strata.layers()
+    kinks, fronts = strata.lines
+    laid = strata.laid
     word = regime(
-        float(layers["layered_share"]),
-        float(layers["segregation"]),
+        laid.scalars["layered_share"],
+        laid.scalars["segregation"],
         settled_thickness(archive) / total_inflow(archive),
     )
-    kink = Measured(*mean_velocity(strata.kinks()))
+    kink = Measured(*kinks.seen.mean_velocity())
     kink = kink._replace(value=-kink.value)
-    front = Measured(*mean_velocity(strata.fronts()))
-    period = Measured(*cycle_period(strata.kinks()))
-    told = _told(layers, word)
-    wavelength = Measured(float(told["wavelength"]), float(told["wavelength_error"]))
+    front = Measured(*fronts.seen.mean_velocity())
+    period = Measured(*kinks.seen.period())
+    told = _settled(laid.numbers(), word)
+    wavelength = Measured(told["wavelength"][1], told["wavelength_error"][1])
     v, r0, length = velocity(archive), total_inflow(archive), cell_length(archive)
     balanced = balances(archive, wavelength, period, front, kink)
     numbers = (
@@ -80,31 +86,29 @@ def measure(archive: xr.Dataset) -> xr.Dataset:
     for name, balance in balanced.items():
         numbers |= _with_error(name, balance, *BALANCES[name])
     thoughts = [
-        layers.attrs.get("comment", "") if word != "unsettled" else "",
+        laid.comment if word != "unsettled" else "",
         unbalanced(balanced["period_residual"]),
     ]
     thoughts += [
-        f"{name}: {lines.attrs['comment']}"
-        for name, lines in (("kinks", strata.kinks()), ("fronts", strata.fronts()))
-        if "comment" in lines.attrs
+        f"{name}: {lines.comment}"
+        for name, lines in (("kinks", kinks), ("fronts", fronts))
+        if lines.comment
     ]
-    comment = "\n".join(filter(None, thoughts))
-    return xr.Dataset(numbers | told, attrs={"comment": comment} if comment else {})
+    return numbers | told, "\n".join(filter(None, thoughts))
 
 
-def _told(layers: xr.Dataset, word: str) -> dict[str, xr.Variable]:
-    """The scalars of `layers`; without the numbers of layers where too few were laid to tell."""
-    variables = {str(name): layers.variables[name] for name in layers.data_vars}
-    scalars = {name: told for name, told in variables.items() if not told.dims}
+def _settled(numbers: dict[str, Quantity], word: str) -> dict[str, Quantity]:
+    """The `numbers` of layers; without those that cannot be told where too few were laid."""
     if word != "unsettled":
-        return scalars
+        return numbers
     return {
-        name: told if name.startswith("zone_") or name in OF_ANY else told.copy(data=UNKNOWN)
-        for name, told in scalars.items()
+        name: told if name.startswith("zone_") or name in OF_ANY else (dims, np.nan, attributes)
+        for name, told in numbers.items()
+        for dims, _, attributes in [told]
     }
 
 
-def _with_error(name: str, number: Measured, units: str, long_name: str) -> dict[str, Any]:
+def _with_error(name: str, number: Measured, units: str, long_name: str) -> dict[str, Quantity]:
     return {
         name: quantity(number.value, units, long_name),
         f"{name}_error": quantity(number.error, units, f"standard error of {name}"),

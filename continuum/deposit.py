@@ -3,7 +3,9 @@
 The surface layer's excess goes into the cell's open bin, which refills it where it lacks grains
 (kernel.py). Where the open bin runs empty the sealed bins of the tape are reopened, topmost first,
 before anything else happens; below the tape's last bin nothing can be dug up. At the end of a step
-open bins that hold more than dz are sealed. Both are rare and go cell by cell.
+open bins that hold more than dz are sealed. Both are rare and go cell by cell. What every step asks
+for is inlined, for to hand over the hundred numbers of a Flow takes longer than to look at 200
+cells.
 """
 
 import math
@@ -33,7 +35,7 @@ def dig_up(flow: Flow, beyond: Floats) -> None:
             reopen(flow, i, -beyond[i])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def seal_full_bins(flow: Flow, beyond: Floats, dz: float) -> None:
     """Seal open bins that hold more than their capacity, `beyond` (cell,) [cm] > 0."""
     for i in range(beyond.size):

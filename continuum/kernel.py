@@ -33,8 +33,9 @@ What is captured mixes into it; what it then holds beyond d is buried, and where
 was buried refills it (deposit.py). The rigid surface of before pouring counts as surface where the
 layer is thinner than d, and gives up no grains.
 
-What happens to a cell in a sub-step, exchange and burial, is done in one pass over the cells, on
-tuples with one value a species (species.py).
+What happens to a cell in a sub-step is done in two passes over the cells, exchange and burial, on
+tuples with one value a species (species.py); one pass for both is too long a chain of operations
+for the processor to overlap cells.
 """
 
 import math
@@ -270,7 +271,9 @@ def _exchange_and_bury(
         settled = _settled(rolling, surface, cells.slope[i], like, law, dt)
         for a in range(len(settled)):
             settled = put(settled, a, rolling[a] * at_wall if i == wall else settled[a])
-        _lay(flow, cells, i, settled, law, grid)
+        _lay(flow, cells, i, settled)
+    for i in range(flow.height.size):
+        _bury(flow, cells, i, law, grid)
 
 
 @njit(cache=True, error_model="numpy")
@@ -314,7 +317,9 @@ def _exchange_as_midway(
             loss = _about_midway(amplified[a] * (dt / law.surface_depth)) * layer[a]
             loss = min(loss, surface[a])
             settled = put(settled, a, rolling[a] * at_wall if i == wall else gain - loss)
-        _lay(flow, cells, i, settled, law, grid)
+        _lay(flow, cells, i, settled)
+    for i in range(flow.height.size):
+        _bury(flow, cells, i, law, grid)
 
 
 @njit(cache=True, inline="always")
@@ -359,23 +364,29 @@ def _about_midway(c: float) -> float:
 
 
 @njit(cache=True, inline="always")
-def _lay(flow: Flow, cells: Cells, i: int, settled: Values, law: Law, grid: Grid) -> None:
-    """Lay what settled onto cell i, and bring its surface layer back to its depth d.
-
-    What the layer holds beyond d goes into the open bin below it, which refills it where it holds
-    less, as far as the bin can.
-    """
-    surface, filling = at(cells.surface, i, settled), at(cells.filling, i, settled)
+def _lay(flow: Flow, cells: Cells, i: int, settled: Values) -> None:
+    """Lay what settled onto cell i, for its surface layer to hold."""
     for a in range(len(settled)):
         cells.rolling[a][i] -= settled[a]
-        surface = put(surface, a, surface[a] + settled[a])
+        cells.surface[a][i] += settled[a]
     flow.height[i] += total(settled)
+
+
+@njit(cache=True, inline="always")
+def _bury(flow: Flow, cells: Cells, i: int, law: Law, grid: Grid) -> None:
+    """Bring the surface layer of cell i back to its depth d.
+
+    What it holds beyond d goes into the open bin below it, which refills it where it holds less, as
+    far as the bin can.
+    """
+    like = cells.rigid_fraction
+    surface, filling = at(cells.surface, i, like), at(cells.filling, i, like)
     held, filled = total(surface), total(filling)
     above = held - law.surface_depth + filled
     capacity = grid.dz - flow.rigid[i] if flow.top[i] == 0 else grid.dz
     cells.beyond[i] = min(above, 0.0) + max(above - capacity, 0.0)
     share = _buried_share(held, filled, law.surface_depth)
-    for a in range(len(settled)):
+    for a in range(len(like)):
         buried = _buried(share, surface[a], filling[a])
         cells.surface[a][i] = surface[a] - buried
         cells.filling[a][i] = filling[a] + buried
@@ -420,7 +431,8 @@ def _release_at_rim(flow: Flow, cells: Cells, law: Law, grid: Grid) -> None:
         settled = at(cells.surface, 0, cells.rigid_fraction)
         for a in range(len(settled)):
             settled = put(settled, a, -share * settled[a])
-        _lay(flow, cells, 0, settled, law, grid)
+        _lay(flow, cells, 0, settled)
+        _bury(flow, cells, 0, law, grid)
         if cells.beyond[0] < 0.0:
             reopen(flow, 0, -cells.beyond[0])
         lifted -= share * held

@@ -25,11 +25,11 @@ def lowest_bins(flow: Flow, cells: Ints, counts: Ints) -> Floats:
     k = 0
     for i, count in zip(cells, counts):  # noqa: B905  numba knows no strict
         row = flow.row[i]
-        lowest = flow.top[i] - flow.sealed[row]
-        for place in range(lowest, lowest + count):
+        place = (flow.top[i] - flow.sealed[row]) % bins
+        for _ in range(count):
             for a in range(species):
-                content[k, a] = flow.tape[a, row, place % bins]
-            k += 1
+                content[k, a] = flow.tape[a, row, place]
+            k, place = k + 1, place + 1 if place + 1 < bins else 0
     return content
 
 
@@ -40,11 +40,11 @@ def put_lowest_bins(flow: Flow, cells: Ints, counts: Ints, content: Floats) -> N
     k = 0
     for i, count in zip(cells, counts):  # noqa: B905
         row = flow.row[i]
-        lowest = flow.top[i] - flow.sealed[row]
-        for place in range(lowest, lowest + count):
+        place = (flow.top[i] - flow.sealed[row]) % bins
+        for _ in range(count):
             for a in range(species):
-                flow.tape[a, row, place % bins] = content[k, a]
-            k += 1
+                flow.tape[a, row, place] = content[k, a]
+            k, place = k + 1, place + 1 if place + 1 < bins else 0
 
 
 def sealed_bins(flow: Flow) -> Floats:

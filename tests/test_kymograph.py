@@ -366,6 +366,14 @@ def test_the_alarm_rises_with_the_noise(level: float) -> None:
     assert (deaf[1:] != deaf[:1]).any(axis=0).sum() > 20
 
 
+@pytest.mark.parametrize("degree", [1, 2])
+def test_all_passages_of_an_exact_line_are_independent(degree: int) -> None:
+    """What rounding leaves is alike in neighbouring columns, too, and says nothing of them."""
+    x = np.arange(60) * 0.5 + 0.25
+    curves = fit(x, np.array([288.4 - 0.3 * x, 7.0 + 0.7 * x]), degree, 0.1)
+    assert curves.independent == pytest.approx(60.0)
+
+
 @pytest.mark.parametrize("own", [1e-3, 1.0])
 @pytest.mark.parametrize("n", [2, 3, 4, 6, 9, 10, 20])
 def test_the_error_of_a_median_of_few_is_honest(n: int, own: float) -> None:

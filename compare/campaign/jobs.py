@@ -1,16 +1,23 @@
 """One pour of many: what is poured, and what comes of it."""
 
-from collections.abc import Callable, Generator, Hashable, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import xarray as xr
 
 import ca_model
 import continuum
 from compare.deposit.picture import picture_of
-from compare.measurement import measure
-from compare.quantities import cell_length, collision_rate, named, total_inflow, velocity
+from compare.measurement import numbers_of
+from compare.quantities import (
+    Quantity,
+    cell_length,
+    collision_rate,
+    quantity,
+    total_inflow,
+    velocity,
+)
 from experiment import Experiment, StratifyError
 from experiment.arrays import Floats
 from experiment.pouring import Begin
@@ -62,10 +69,11 @@ class Pour:
         """Pour and measure."""
         experiment = self.experiment.with_values(self.values) if self.values else self.experiment
         archive = POUR[self.model](experiment)
-        found: dict[Hashable, xr.Variable] = dict(measure(archive).variables) | _scales(archive)
+        numbers, _ = numbers_of(archive)
+        found = numbers | _scales(archive)
         return Outcome(
-            {str(name): told.values.item() for name, told in found.items()},
-            {str(name): told.attrs for name, told in found.items()},
+            {name: _plain(value) for name, (_, value, _) in found.items()},
+            {name: attributes for name, (_, _, attributes) in found.items()},
             picture=picture_of(archive) if self.picture else None,
         )
 
@@ -86,6 +94,11 @@ def do(job: Job) -> Outcome:
         return failed(f"{type(error).__name__}: {error}")
 
 
+def _plain(value: Any) -> float | str:
+    """A number or a word of no library's own type, which travels light between processes."""
+    return value if isinstance(value, str) else float(value)
+
+
 def failed(reason: str) -> Outcome:
     """The outcome of a job that has none, and why."""
     return Outcome({}, {}, " ".join(reason.split()))
@@ -100,12 +113,12 @@ def with_chance(experiment: Experiment, model: str) -> bool:
     return toppling_at_random or settings.arrivals != "fixed"
 
 
-def _scales(archive: xr.Dataset) -> dict[str, xr.Variable]:
+def _scales(archive: xr.Dataset) -> dict[str, Quantity]:
     r0, v, gamma = total_inflow(archive), velocity(archive), collision_rate(archive)
     length = cell_length(archive)
     return {
-        "slope_length": xr.Variable((), length, named("length L of the slope", "cm")),
-        "total_inflow": xr.Variable((), r0, named("thickness R0 of what is poured", "cm")),
-        "drift_velocity": xr.Variable((), v, named("velocity v of what is poured", "cm s-1")),
-        "collision_rate": xr.Variable((), gamma, named("rate gamma of what is poured", "s-1")),
+        "slope_length": quantity(length, "cm", "length L of the slope"),
+        "total_inflow": quantity(r0, "cm", "thickness R0 of what is poured"),
+        "drift_velocity": quantity(v, "cm s-1", "velocity v of what is poured"),
+        "collision_rate": quantity(gamma, "s-1", "rate gamma of what is poured"),
     }

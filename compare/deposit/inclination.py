@@ -36,7 +36,8 @@ def _surface_slope(deposit: Settled) -> float:
         return np.nan
     there = there[:: max(1, len(there) // 200)]
     top = deposit.floor[there] + deposit.height[there]
-    return float(-scipy.stats.theilslopes(top, there).slope)
+    left, right = np.triu_indices(len(there), 1)
+    return -float(np.median((top[right] - top[left]) / (there[right] - there[left])))
 
 
 def rises(
@@ -54,19 +55,22 @@ def rises(
     farthest = max(1, min(farthest, columns // 4))
     like = lru_cache(1)(transformed.between)
 
-    def follow(slope: float, apart: int, reach: float) -> tuple[Floats, Floats]:
+    def follow(risen: int, apart: int, reach: float) -> tuple[Floats, Floats]:
+        """The rise a column, and the likeness there, where `risen` cells in all are expected."""
         fallen = deposit.floor[:-apart] - deposit.floor[apart:]
-        near = round(-slope * apart) + fallen
-        shift, likeness = _shifts(like(apart), rows, near, reach, width)
+        shift, likeness = _shifts(like(apart), rows, risen + fallen, reach, width)
         return (shift - fallen) / apart, likeness
 
     stepwise, apart = surface, 1
     while apart < farthest:
-        stepwise = -_weighted_median(*follow(stepwise, apart, lag / 2))
+        stepwise = -_weighted_median(*follow(round(-stepwise * apart), apart, lag / 2))
         apart = min(2 * apart, farthest)
     aparts = np.unique(np.linspace(max(1, 2 * farthest // 3), farthest, TRIED).astype(int)).tolist()
-    expected = dict.fromkeys((surface, stepwise))
-    found = [(*follow(slope, apart, lag / 4), apart) for apart in aparts for slope in expected]
+    found = [
+        (*follow(risen, apart, lag / 4), apart)
+        for apart in aparts
+        for risen in dict.fromkeys(round(-slope * apart) for slope in (surface, stepwise))
+    ]
     rise, _, apart = max(found, key=lambda one: float(one[1].mean()))
     middles = np.arange(columns - apart) + (apart - 1) / 2
     return np.interp(np.arange(columns - 1), middles, rise)

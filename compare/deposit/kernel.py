@@ -10,6 +10,7 @@ __all__ = [
     "average_along",
     "boundaries",
     "extent",
+    "fallen",
     "highest_near",
     "smooth",
     "squares_of_first",
@@ -34,6 +35,23 @@ def extent(values: Floats, lowest: Rows) -> tuple[Rows, Rows]:
                     begin[i] = k
                 end[i] = k + 1
     return begin, end
+
+
+@njit(cache=True, nogil=True)
+def fallen(fraction: Floats, diameter: Floats, floor: Rows, top: Rows) -> Floats:
+    """sum_a diameter_a fraction_a (z, x) of columns let down from the row `floor`, up to `top`.
+
+    From `fraction` (z, x, species), `diameter` (species,), `floor` and `top` (x,); NaN above.
+    """
+    rows, columns = max(1, (top - floor).max()), floor.size
+    mean = np.full((rows, columns), np.nan)
+    for k in range(rows):
+        for i in range(columns):
+            if floor[i] + k < top[i]:
+                mean[k, i] = 0.0
+                for a in range(diameter.size):
+                    mean[k, i] += diameter[a] * fraction[floor[i] + k, i, a]
+    return mean
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -11,7 +11,6 @@ single columns of grains are noise to it.
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 import xarray as xr
 from numpy.typing import NDArray
 
@@ -19,6 +18,7 @@ from compare.deposit.counting import Counted, count_layers, count_pairs
 from compare.deposit.dual import Plateaus, plateaus
 from compare.deposit.inclination import along_layers, rises
 from compare.deposit.kernel import smooth
+from compare.deposit.laid import Laid
 from compare.deposit.order import (
     FEWEST,
     coherence,
@@ -30,10 +30,15 @@ from compare.deposit.order import (
 from compare.deposit.profiles import Settled, let_down, settled
 from compare.deposit.spectrum import Correlation, Repeat, Transform, transform
 from compare.deposit.zones import LAYERED_SHARE, zones
-from compare.quantities import cell_height, measured_columns, quantity, slope_columns
+from compare.quantities import (
+    cell_height,
+    measured_columns,
+    slope_columns,
+    values_of,
+)
 from experiment.arrays import Floats
 
-__all__ = ["layers", "layers_of"]
+__all__ = ["layers", "layers_of", "look"]
 
 AGREE = 0.1
 COARSE = 4  # cells a wavelength, below which it is remarked
@@ -46,52 +51,18 @@ NEARLY = 0.5  # of the strength of the cycle, that a pair has if it might be the
 STEPS = ("wavelength_upper", "wavelength_lower", "wavelength_step_x")
 CLEAR = 0.5  # of the mean strength, in columns that are looked at further
 
-SCALARS = {
-    "wavelength": ("cm", "vertical wavelength of the layers, by spectrum"),
-    "wavelength_error": ("cm", "standard error of wavelength"),
-    "wavelength_counted": ("cm", "vertical wavelength of the layers, by counting"),
-    "wavelength_counted_error": ("cm", "standard error of wavelength_counted"),
-    "wavelength_spread": ("cm", "standard deviation of wavelength, of single cycles in place"),
-    "wavelength_normal": ("cm", "wavelength normal to the layers"),
-    "wavelength_normal_error": ("cm", "standard error of wavelength_normal"),
-    "wavelength_drift": ("1", "change of wavelength with x"),
-    "wavelength_drift_error": ("1", "standard error of wavelength_drift"),
-    "wavelength_upper": ("cm", "wavelength on the upper slope, where there are two"),
-    "wavelength_lower": ("cm", "wavelength on the lower slope, where there are two"),
-    "wavelength_step_x": ("cm", "where the wavelength steps, if there are two"),
-    "thickness_small": ("cm", "vertical thickness of a sublayer of small grains"),
-    "thickness_small_error": ("cm", "standard error of thickness_small"),
-    "thickness_large": ("cm", "vertical thickness of a sublayer of large grains"),
-    "thickness_large_error": ("cm", "standard error of thickness_large"),
-    "pairs_a_cycle": ("1", "pairs of layers that a cycle lays"),
-    "layer_pairs": ("1", "pairs of layers that were counted in a column"),
-    "inclination": ("1", "slope of the layers"),
-    "inclination_error": ("1", "standard error of inclination"),
-    "layering": ("1", "strength of the layering"),
-    "zone_small_begin": ("cm", "upper edge of the zone of small grains"),
-    "zone_small_end": ("cm", "lower edge of the zone of small grains"),
-    "zone_large_begin": ("cm", "upper edge of the zone of large grains"),
-    "zone_large_end": ("cm", "lower edge of the zone of large grains"),
-    "zone_layered_begin": ("cm", "upper edge of the zone of layers"),
-    "zone_layered_end": ("cm", "lower edge of the zone of layers"),
-    "pure_share": ("1", "share of the slope where one kind of grain lies nearly alone"),
-    "layered_share": ("1", "share of the slope where there are layers"),
-    "segregation": ("1", "degree of segregation along x"),
-}
-IN_PLACE = {
-    "wavelength_at": ("cm", "vertical wavelength of the layers in place"),
-    "layering_at": ("1", "strength of the layering in place"),
-    "coherence_at": ("1", "share of the variance that an average along the layers keeps"),
-    "regularity_at": ("1", "share of the variance of such an average that repeats"),
-    "coarseness_at": ("1", "mean coarseness of the deposit in place"),
-}
-
 
 def layers(archive: xr.Dataset) -> xr.Dataset:
     """Layers of the settled part of a pour, in its measured columns; see :func:`layers_of`."""
+    return look(archive).dataset()
+
+
+def look(archive: xr.Dataset) -> Laid:
+    """What :func:`layers` tells, as numbers and arrays."""
     slope = slope_columns(archive)
-    chosen, grain = measured_columns(archive)[slope], float(archive["grain_diameter"].mean())
-    return _layers(settled(archive), archive["x"][slope], cell_height(archive), chosen, grain)
+    chosen, x = measured_columns(archive)[slope], archive.variables["x"][slope]
+    grain = float(values_of(archive, "grain_diameter").mean())
+    return _look(settled(archive), x, cell_height(archive), chosen, grain)
 
 
 def layers_of(
@@ -99,8 +70,9 @@ def layers_of(
 ) -> xr.Dataset:
     """Layers of a deposit of coarseness `coarse` (z, x), evenly spaced in cm, NaN outside of it.
 
-    A Dataset of SCALARS, from the columns `measured` (x,), all of them by default, but for zones
-    and shares, which are of the whole slope; and of what is IN_PLACE (x), in every column.
+    A Dataset of the SCALARS of :mod:`compare.deposit.laid`, from the columns `measured` (x,), all
+    of them by default, but for zones and shares, which are of the whole slope; and of what is
+    IN_PLACE (x), in every column.
     Where the mean diameter of a `grain` [cm] is given, what alternates grain by grain is no layer.
     wavelength is by spectrum and along the vertical; it and all that hangs on it is NaN, and
     layering 0, where there are no layers. The attribute `comment`, where it is there, tells what
@@ -108,12 +80,13 @@ def layers_of(
     """
     deposit = let_down(np.asarray(coarse.values, dtype=np.float64))
     chosen = np.ones(coarse.sizes["x"], bool) if measured is None else measured
-    return _layers(deposit, coarse["x"], _spacing(coarse["z"].values), chosen, grain)
+    dz = _spacing(coarse["z"].values)
+    return _look(deposit, coarse["x"].variable, dz, chosen, grain).dataset()
 
 
-def _layers(
-    deposit: Settled, place: xr.DataArray, dz: float, chosen: NDArray[np.bool_], grain: float
-) -> xr.Dataset:
+def _look(
+    deposit: Settled, place: xr.Variable, dz: float, chosen: NDArray[np.bool_], grain: float
+) -> Laid:
     """Layers of a `deposit` with columns at `place` (x,), in those that are `chosen` (x,)."""
     x = place.values
     dx = _spacing(x)
@@ -130,7 +103,6 @@ def _layers(
         layered = chosen & (local.strength >= CLEAR * repeat.strength)
         found |= _numbers(pooled, repeat, followed, layered, x, dz)
         found |= _drift(x[layered], local.lag[layered] * dz)
-    comment = _second_thoughts(found, dz)
     in_place = (
         local.lag * dz,
         local.strength,
@@ -138,15 +110,7 @@ def _layers(
         followed.regularity,
         mean,
     )
-    return xr.Dataset(
-        {name: quantity(found.get(name, np.nan), *told) for name, told in SCALARS.items()}
-        | {
-            name: quantity(array, *told, dims=("x",))
-            for (name, told), array in zip(IN_PLACE.items(), in_place, strict=True)
-        },
-        {"x": place},
-        {"comment": comment} if comment else {},
-    )
+    return Laid(place, found, in_place, _second_thoughts(found, dz))
 
 
 class _Followed(NamedTuple):
@@ -242,12 +206,11 @@ def _drift(x: Floats, wavelength: Floats) -> dict[str, float]:
     """The change of wavelength with x, by least squares; columns together count as one."""
     if len(x) <= FEWEST:
         return {}
-    fit = scipy.stats.linregress(x, wavelength)
-    independent = np.sqrt(together(len(x)))
-    return {
-        "wavelength_drift": float(fit.slope),
-        "wavelength_drift_error": float(fit.stderr * independent),
-    }
+    (variance, covariance), (_, scatter) = np.cov(x, wavelength, bias=True).tolist()
+    drift = covariance / variance
+    unexplained = max(scatter - drift * covariance, 0.0)
+    error = np.sqrt(unexplained / variance / (len(x) - 2) * together(len(x)))
+    return {"wavelength_drift": drift, "wavelength_drift_error": float(error)}
 
 
 def _second_thoughts(found: dict[str, float], dz: float) -> str:

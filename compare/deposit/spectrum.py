@@ -100,7 +100,7 @@ class Correlation(NamedTuple):
 class Transform(NamedTuple):
     """The transform of c' in each column, by which columns are correlated."""
 
-    spectrum: NDArray[np.complexfloating[Any]]  # (frequency, x)
+    spectrum: NDArray[np.complexfloating[Any]]  # (x, frequency)
     terms: Floats  # (lag, x)
 
     def with_itself(self) -> Correlation:
@@ -113,7 +113,7 @@ class Transform(NamedTuple):
 
         Lags below 0 are counted from the end.
         """
-        product = np.conj(self.spectrum[:, :-apart]) * self.spectrum[:, apart:]
+        product = np.conj(self.spectrum[:-apart]) * self.spectrum[apart:]
         return _back(product, len(self.terms))
 
 
@@ -137,14 +137,17 @@ def correlate(coarse: Floats) -> Correlation:
 
 
 def _forth(values: Floats) -> NDArray[np.complexfloating[Any]]:
-    """Of columns (z, x), so long that they do not meet their own ends."""
-    return np.asarray(scipy.fft.rfft(values, _size(len(values)), axis=0))
+    """Of columns (z, x), so long that they do not meet their own ends; (x, frequency)."""
+    rows, columns = values.shape
+    longer = np.zeros((columns, _size(rows)))
+    longer[:, :rows] = values.T
+    return np.asarray(scipy.fft.rfft(longer))
 
 
 def _back(spectrum: NDArray[Any], rows: int) -> Floats:
     """Back to (lag, x), from columns of so many `rows`."""
-    values: Floats = scipy.fft.irfft(spectrum, _size(rows), axis=0)
-    return values
+    values: Floats = scipy.fft.irfft(spectrum, _size(rows))
+    return values.T
 
 
 def _size(rows: int) -> int:

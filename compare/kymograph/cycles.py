@@ -1,15 +1,39 @@
 """What lines have in common: the time between them, and their velocity."""
 
+from typing import NamedTuple
+
 import numpy as np
 import scipy
 import xarray as xr
 
 from experiment.arrays import Floats
 
-__all__ = ["cycle_period", "intervals", "mean_velocity", "median", "median_and_error"]
+__all__ = ["Seen", "cycle_period", "intervals", "mean_velocity", "median", "median_and_error"]
 
 EFFICIENCY = np.sqrt(np.pi / 2)  # standard error of a median, over that of a mean
 MANY = 10  # values, from which on their scatter is told robustly
+
+
+class Seen(NamedTuple):
+    """Lines in the measured columns, NaN where one was not seen or its velocity is not told."""
+
+    passage: Floats  # (line, x) [s]
+    velocity: Floats  # (line,) [cm/s]
+    velocity_error: Floats  # (line,) [cm/s]
+    least: float  # s, standard error of a passage at best
+    aliased: bool  # whether cycles seem slower than they are
+
+    def period(self) -> tuple[float, float]:
+        """As :func:`cycle_period`."""
+        if self.aliased:
+            return np.nan, np.nan
+        between, columns = intervals(self.passage)
+        return median_and_error(between, np.full(len(between), self.least), columns)
+
+    def mean_velocity(self) -> tuple[float, float]:
+        """As :func:`mean_velocity`."""
+        columns, told = np.isfinite(self.passage).sum(axis=1), np.isfinite(self.velocity)
+        return median_and_error(self.velocity[told], self.velocity_error[told], columns[told])
 
 
 def cycle_period(lines: xr.Dataset) -> tuple[float, float]:
@@ -18,10 +42,7 @@ def cycle_period(lines: xr.Dataset) -> tuple[float, float]:
     NaN, too, where the records are aliased. The median over measured columns and cycles, so that a
     line that was missed, or that does not go all the way, does not count where it was not seen.
     """
-    if lines.attrs["aliased"]:
-        return np.nan, np.nan
-    between, columns = intervals(lines["passage"].values[:, lines["measured"].values])
-    return median_and_error(between, np.full(len(between), lines.attrs["sampling_s"]), columns)
+    return _seen(lines).period()
 
 
 def mean_velocity(lines: xr.Dataset) -> tuple[float, float]:
@@ -29,10 +50,17 @@ def mean_velocity(lines: xr.Dataset) -> tuple[float, float]:
 
     A line weighs as much as the length on which it was seen in the measured columns.
     """
-    velocity, error = lines["velocity"].values, lines["velocity_error"].values
-    seen = np.isfinite(lines["passage"].values[:, lines["measured"].values]).sum(axis=1)
-    told = np.isfinite(velocity)
-    return median_and_error(velocity[told], error[told], seen[told])
+    return _seen(lines).mean_velocity()
+
+
+def _seen(lines: xr.Dataset) -> Seen:
+    return Seen(
+        lines["passage"].values[:, lines["measured"].values],
+        lines["velocity"].values,
+        lines["velocity_error"].values,
+        lines.attrs["sampling_s"],
+        bool(lines.attrs["aliased"]),
+    )
 
 
 def median_and_error(values: Floats, errors: Floats, weights: Floats) -> tuple[float, float]:

@@ -14,14 +14,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from compare.kymograph.regression import correlation_length, robust
 from experiment.arrays import Floats
 
 __all__ = ["Curves", "fit"]
 
 Bools = NDArray[np.bool_]
 
-ROUNDS = 20
-CUT = 4.685  # standard deviations at which a passage counts for nothing
+ROUNDING = 1e-9  # of what is known at best: residuals that are rounding alone
 
 
 class Curves(NamedTuple):
@@ -57,33 +57,15 @@ def fit(x: Floats, passage: Floats, degree: int, least: float) -> Curves:
     low, high = x[there.argmax(axis=1)], x[::-1][there[:, ::-1].argmax(axis=1)]
     middle = (low + high) / 2
     half = np.where(enough, (high - low) / 2, 1.0)
-    u = np.where(there, (x - middle[:, None]) / half[:, None], 0.0)
-    basis = _powers(u, degree)
+    u = (x - middle[:, None]) / half[:, None]
     start = np.where(enough, _median(passage, there), 0.0)
-    t = np.where(there, passage - start[:, None], 0.0)
-    coefficient, residual, kept = _robust(basis, t, there, enough, least)
+    t = passage - start[:, None]
+    coefficient, residual, kept = robust(u, t, degree, least)
+    basis = _powers(np.where(there, u, 0.0), degree)
     error, scatter, independent = _errors(basis, residual, kept, enough, least)
     coefficient[:, 0] += start
     coefficient[~enough], error[~enough] = np.nan, np.nan
     return Curves(coefficient, error, middle, half, scatter, independent)
-
-
-def _robust(
-    basis: Floats, t: Floats, there: Bools, enough: Bools, least: float
-) -> tuple[Floats, Floats, Bools]:
-    """Coefficients, residuals (line, x), and which passages are no outliers."""
-    weight = there.astype(float)
-    for k in range(ROUNDS):
-        coefficient = _solve(basis, t, weight, enough)
-        residual = np.where(there, t - np.einsum("lk,lxk->lx", coefficient, basis), 0.0)
-        size = np.abs(residual)
-        scale = np.maximum(1.4826 * _median(size, there), 0.1 * least)[:, None]
-        if k < ROUNDS // 2:
-            weight = there / np.maximum(size, 0.1 * scale)
-        else:
-            weight = there * np.maximum(1.0 - (residual / (CUT * scale)) ** 2, 0.0) ** 2
-    kept: Bools = there & (size < CUT * scale)
-    return coefficient, np.where(kept, residual, 0.0), kept
 
 
 def _errors(
@@ -92,7 +74,8 @@ def _errors(
     """Standard errors of the coefficients, scatter, and how many passages are independent."""
     p = basis.shape[-1]
     n = np.maximum(kept.sum(axis=1), 1)
-    tau = np.clip(_correlation_length(residual, kept), 1.0, np.maximum(1.0, n / (p + 1.0)))
+    alike = correlation_length(residual, kept, ROUNDING * least)
+    tau = np.clip(alike, 1.0, np.maximum(1.0, n / (p + 1.0)))
     independent = n / tau
     variance = (residual**2).sum(axis=1) / n * independent / np.maximum(independent - p, 1.0)
     normal = np.einsum("lxi,lxj->lij", basis * kept[..., None], basis)
@@ -110,30 +93,3 @@ def _median(values: Floats, there: Bools) -> Floats:
 
 def _powers(u: Floats, degree: int) -> Floats:
     return np.stack([u**k for k in range(degree + 1)], axis=-1)
-
-
-def _solve(basis: Floats, t: Floats, weight: Floats, enough: Bools) -> Floats:
-    """Coefficients (line, degree + 1) by weighted least squares, 0 where there is not enough."""
-    weighted = np.swapaxes(basis, 1, 2) * weight[:, None]
-    normal = weighted @ basis
-    normal[~enough] = np.eye(basis.shape[-1])
-    solved: Floats = np.linalg.solve(normal, weighted @ t[..., None])[..., 0]
-    return solved
-
-
-def _correlation_length(residual: Floats, there: Bools) -> Floats:
-    """Columns tau (line,) that count as one, from residuals (line, x)."""
-    n = residual.shape[1]
-    size = 2 ** int(np.ceil(np.log2(2 * n)))
-
-    def correlate(values: Floats) -> Floats:
-        spectrum = np.fft.rfft(values, size, axis=1)
-        return np.fft.irfft(np.abs(spectrum) ** 2, size, axis=1)[:, :n]
-
-    total = correlate(residual)
-    pairs = np.maximum(np.round(correlate(there.astype(float))), 1.0)
-    variance = np.maximum(total[:, :1] / pairs[:, :1], np.finfo(float).tiny)
-    rho = total / pairs / variance
-    positive = np.logical_and.accumulate(rho > 0.0, axis=1)
-    length: Floats = 1.0 + 2.0 * (rho * positive)[:, 1:].sum(axis=1)
-    return length

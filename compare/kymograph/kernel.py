@@ -4,10 +4,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from experiment.arrays import Floats
+from experiment.arrays import Floats, Ints
 
-__all__ = ["average_beside", "switch"]
+__all__ = ["NONE", "average_beside", "numbers_of_chains", "switch"]
 
+NONE = -1  # no crossing before
 Bools = NDArray[np.bool_]
 
 
@@ -54,3 +55,16 @@ def average_beside(
                     sums[line, j, a] += (1 - share) * now + share * then
                 number[line, j, 0] += 1.0
     return sums / np.maximum(number, 1.0)
+
+
+@njit(cache=True, nogil=True)
+def numbers_of_chains(before: Ints) -> Ints:
+    """The number of the chain (link,) of each link, from the one `before` (link,) it, or NONE."""
+    number, chains = np.empty_like(before), 0
+    for k in range(before.size):
+        if before[k] == NONE:
+            number[k] = chains
+            chains += 1
+        else:
+            number[k] = number[before[k]]
+    return number

@@ -1,6 +1,6 @@
-"""Kinks and fronts of an archive as Datasets: the linked lines, and what is measured of each."""
+"""Kinks and fronts of an archive: the linked lines, and what is measured of each."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -10,12 +10,13 @@ from compare.kymograph.fit import Curves, fit
 from compare.kymograph.flow import Crossings, alarms, crossings, quieten
 from compare.kymograph.link import link
 from compare.kymograph.profile import profiles
-from compare.kymograph.sampling import Sampling, compared, hidden_growth
+from compare.kymograph.sampling import Sampling, hidden_growth
 from compare.kymograph.slope import Slope, slope_of
-from compare.quantities import cell_width, named, velocity
+from compare.kymograph.told import Rows, Told, compared
+from compare.quantities import cell_width, velocity
 from experiment.arrays import Floats, Ints
 
-__all__ = ["fronts", "kinks", "kinks_and_fronts"]
+__all__ = ["follow", "fronts", "kinks", "kinks_and_fronts"]
 
 SHORTEST = 0.15  # of the slope, on which a line was seen
 LASTS = 1.0  # record between which it was first and last seen
@@ -24,7 +25,6 @@ LEAST_JUMP = 0.25  # of R0, by which R differs on both sides of a line
 FASTEST = 3.0  # times as fast as grains: what seems to go faster still is no line
 NEAR_END = 0.2  # of the slope: what is born there was born at the end
 Bools = NDArray[np.bool_]
-Rows = dict[str, tuple[Any, Any, str, str]]  # dims, values, units and meaning by name
 
 
 class Lines(NamedTuple):
@@ -67,6 +67,12 @@ def fronts(archive: xr.Dataset) -> xr.Dataset:
 
 def kinks_and_fronts(archive: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
     """Both, in hardly more than the time that one takes."""
+    stops, starts = follow(archive)
+    return stops.dataset(), starts.dataset()
+
+
+def follow(archive: xr.Dataset) -> tuple[Told, Told]:
+    """What :func:`kinks` and :func:`fronts` tell, as arrays."""
     slope = slope_of(archive)
     interval = float(np.median(np.diff(slope.time))) if len(slope.time) > 1 else np.inf
     drift, width = velocity(archive), cell_width(archive)
@@ -89,22 +95,18 @@ def kinks_and_fronts(archive: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
     jump = rows["upstream"][1].sum(axis=1) - rows["downstream"][1].sum(axis=1)
     parted = jump > LEAST_JUMP * slope.inflow
     return compared(
-        _dataset(slope, records, rows, parted & ~lines.rising),
-        _dataset(slope, records, rows, parted & lines.rising),
+        _told(slope, records, rows, parted & ~lines.rising),
+        _told(slope, records, rows, parted & lines.rising),
     )
 
 
-def _dataset(slope: Slope, records: Sampling, rows: Rows, chosen: Bools) -> xr.Dataset:
+def _told(slope: Slope, records: Sampling, rows: Rows, chosen: Bools) -> Told:
     """The `chosen` ones (line,) of the lines that `rows` are about."""
     told: Rows = {name: (dims, every[chosen], *said) for name, (dims, every, *said) in rows.items()}
-    coordinates: Rows = {
-        "x": ("x", slope.x, "cm", "distance from the pouring point"),
-        "measured": ("x", slope.measured, "", "whether velocities are taken here"),
-    }
     attributes = records.attributes(
         told["passage"][1][:, slope.measured], told["velocity"][1], told["velocity_error"][1]
     )
-    return xr.Dataset(_variables(told), _variables(coordinates), attributes)
+    return Told(slope.x, slope.measured, told, attributes)
 
 
 def _lines(slope: Slope, records: Sampling, found: tuple[Crossings, Crossings]) -> Lines:
@@ -228,10 +230,3 @@ def _ends(passage: Floats) -> tuple[Ints, Ints]:
     """The uppermost and the lowest column (line,) in which a line is seen."""
     there = np.isfinite(passage)
     return there.argmax(axis=1), passage.shape[1] - 1 - there[:, ::-1].argmax(axis=1)
-
-
-def _variables(rows: Rows) -> dict[str, tuple[Any, Any, dict[str, str]]]:
-    return {
-        name: (dims, values, named(meaning, units))
-        for name, (dims, values, units, meaning) in rows.items()
-    }

@@ -7,9 +7,9 @@ missing.
 """
 
 import numpy as np
-import scipy
 
 from compare.kymograph.flow import Crossings
+from compare.kymograph.kernel import NONE, numbers_of_chains
 from experiment.arrays import Floats, Ints
 
 __all__ = ["link"]
@@ -39,19 +39,16 @@ def link(found: Crossings, sampling: float) -> Ints:
     scatter = 1.4826 * float(np.median(np.abs(lags - lag))) if len(lags) else 0.0
     reach = min(farthest, max(halt, 1.5 * sampling + 3 * abs(lag) + 6 * scatter))
     starts, ends = np.ones(n, dtype=bool), np.ones(n, dtype=bool)
-    links: list[Ints] = []
+    before = np.full(n, NONE)
     for gap in range(1, MISSING + 2):
         left, right = np.flatnonzero(ends), np.flatnonzero(starts)
         a, b = _mutual_between(column, time, left, right, gap, lag)
         close = np.abs(time[b] - time[a] - gap * lag) < reach
         a, b = a[close], b[close]
         ends[a], starts[b] = False, False
-        links.append(np.stack([a, b]))
-    a, b = np.concatenate(links, axis=1)
-    graph = scipy.sparse.coo_array((np.ones(len(a)), (a, b)), shape=(n, n))
-    _, label = scipy.sparse.csgraph.connected_components(graph, directed=False)
+        before[b] = a
     lines = np.empty(n, dtype=np.int64)
-    lines[order] = label
+    lines[order] = numbers_of_chains(before)
     return lines
 
 

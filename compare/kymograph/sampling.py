@@ -3,19 +3,17 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from compare.kymograph.cycles import intervals, median
 from experiment.arrays import Floats
 
-__all__ = ["Sampling", "compared", "hidden_growth"]
+__all__ = ["Sampling", "hidden_growth"]
 
 FEW = 8.0  # records a cycle, below which lines may be missed
 RESOLVED = 2.0  # records that a line lasts, so that its velocity can be told
 HIDDEN = 0.25  # share of the growth at rest that tells of cycles between records
 NOISY = 0.25  # of R0, noise above which it is remarked
-UNPAIRED = 3, 1 / 3  # kinks more than fronts, or fewer, and which share, so that it is remarked
 ROUGH = 0.02  # relative error of a velocity, above which it is remarked
 
 
@@ -106,21 +104,6 @@ class Sampling(NamedTuple):
             "aliased": int(self.aliased),
         }
         return told | ({"comment": "; ".join(remarks)} if remarks else {})
-
-
-def compared(kinks: xr.Dataset, fronts: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
-    """Both, with a comment if not every front has its kink, as in a sound pour."""
-    up, down = kinks.sizes["event"], fronts.sizes["event"]
-    least, share = UNPAIRED
-    if abs(up - down) < least or abs(up - down) <= share * max(up, down):
-        return kinks, fronts
-    remark = f"{up} kinks and {down} fronts: some lines are missed, invented or broken"
-
-    def remarked(lines: xr.Dataset) -> xr.Dataset:
-        before = [lines.attrs["comment"]] if "comment" in lines.attrs else []
-        return lines.assign_attrs(comment="; ".join([*before, remark]))
-
-    return remarked(kinks), remarked(fronts)
 
 
 def hidden_growth(height: Floats, rolling: NDArray[np.bool_]) -> float:

@@ -12,6 +12,7 @@ from compare.quantities import (
     settled_since,
     slope_columns,
     total_inflow,
+    values_of,
 )
 from experiment.archive import experiment_of
 from experiment.arrays import Floats
@@ -39,14 +40,14 @@ def slope_of(archive: xr.Dataset) -> Slope:
     below = slope_columns(archive)
     end = experiment_of(archive).cell.end
     return Slope(
-        archive["time"].values,
-        archive["x"].values[below],
-        archive["rolling_thickness"].values[:, below],
-        archive["height"].values[:, below],
+        values_of(archive, "time"),
+        values_of(archive, "x")[below],
+        values_of(archive, "rolling_thickness")[:, below],
+        values_of(archive, "height")[:, below],
         measured_columns(archive)[below],
         settled_since(archive),
         cell_length(archive),
         total_inflow(archive),
-        archive["drift_velocity"].values,
+        values_of(archive, "drift_velocity"),
         "lip" if end == "open" else end,
     )

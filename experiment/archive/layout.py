@@ -7,6 +7,7 @@ whatever is not such a file, or not the one that was written (:mod:`experiment.a
 
 from collections.abc import Collection
 from datetime import UTC, datetime
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -133,7 +134,12 @@ def load(path: Path, absent: Collection[str] = (), beside: Collection[str] = ())
 
 def experiment_of(dataset: xr.Dataset) -> Experiment:
     """The set-up that an archive carries. Raises :class:`SetupError` where it is unsound."""
-    return Experiment.from_toml(str(dataset.attrs.get("experiment", "")))
+    return _experiment_in(str(dataset.attrs.get("experiment", "")))
+
+
+@lru_cache(maxsize=8)
+def _experiment_in(text: str) -> Experiment:
+    return Experiment.from_toml(text)
 
 
 def _told_by(experiment: Experiment) -> dict[str, NDArray[Any]]:
