@@ -110,6 +110,33 @@ def test_a_job_that_ends_its_process_is_told_and_the_others_are_done() -> None:
     assert all(outcome == succeed() for outcome in found.values())
 
 
+def test_no_job_is_lost_when_a_worker_is_killed_while_nobody_listens() -> None:
+    """The pool is found broken by whoever gives it the next job, not by who waits for the last."""
+    with closing(in_processes([succeed] * 40, workers=2)) as outcomes:
+        arrived = [next(outcomes)[0] for _ in range(3)]
+        for child in multiprocessing.active_children():
+            child.kill()
+            child.join()
+        time.sleep(0.5)
+        arrived += [number for number, outcome in outcomes if not outcome.failure]
+    assert sorted(arrived) == list(range(40))
+
+
+def test_a_script_that_forgets_its_guard_is_told_at_once(tmp_path) -> None:
+    script = tmp_path / "unguarded.py"
+    script.write_text(
+        "from compare import campaign\n"
+        "from experiment import load\n"
+        "campaign([load('glass-sugar')] * 9, workers=2)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.stderr.splitlines()[-1].startswith(
+        "experiment.errors.StratifyError: no process could be started to pour in: a script does so"
+    )
+
+
 def test_jobs_are_asked_for_only_a_little_ahead_of_what_is_done() -> None:
     asked: list[int] = []
 

@@ -12,7 +12,7 @@ from compare import measure, phase
 from compare.campaign import POUR
 from compare.phase.axes import axes_of, varied
 from compare.phase.boundary import boundary
-from compare.phase.figure import draw_phase
+from compare.phase.figure import COLOURS, draw_phase
 from compare.phase.patterns import patterns
 from compare.phase.plan import plan_of
 from compare.phase.theory import pure_slopes
@@ -27,6 +27,7 @@ QUICK = [
     "ca_model.unit=0.05",
     "ca_model.column_width=0.5",
 ]
+COLOURS_IN_ORDER = list(COLOURS)
 DELTAS, PSIS = [-0.2, 0.1, 0.3], [0.1, 0.3, 1.5]  # the last psi makes no set-up
 
 
@@ -132,6 +133,27 @@ def test_a_model_that_nobody_knows_is_refused(setup: Experiment) -> None:
         phase(setup, {"mixture.psi": [0.1]}, ["dem"])
 
 
+def test_a_field_cannot_be_listed_and_drawn_and_nothing_is_kept_less_than_no_times(setup) -> None:
+    with pytest.raises(SetupError, match=r"mixture\.psi: it varies twice"):
+        phase(setup, {"mixture.psi": [0.1]}, draw={"mixture.psi": (0.1, 0.2)}, draws=2)
+    with pytest.raises(SetupError, match="lines = -2: it should be at least 0"):
+        phase(setup, {"mixture.psi": [0.1]}, lines=-2)
+
+
+def test_fields_that_do_not_go_together_are_refused_before_anything_is_poured(setup) -> None:
+    vary = {"mixture.delta": [0.1, 0.2], "mixture.theta_22": [1.1]}
+    with pytest.raises(SetupError, match="theta_22"):
+        plan_of(setup, axes_of(vary), list(POUR))
+
+
+@pytest.mark.parametrize("values", [np.array([0.1, 0.2]), [np.float64(0.1), 0.2], (0.1, 0.2)])
+def test_numbers_may_come_from_numpy(values) -> None:
+    (axis,) = axes_of({"mixture.delta": values})
+    assert axis.fields == {"mixture.delta": [0.1, 0.2]}
+    (piles,) = axes_of({"pour.pile": np.arange(2)})
+    assert piles.fields == {"pour.pile": [0, 1]}
+
+
 # what is kept of each point
 
 
@@ -208,7 +230,9 @@ def test_the_onset_in_the_spectrum_is_the_critical_delta_of_each_line(setup, dia
 
 
 def row_of(regimes: list[str], share: list[float]) -> xr.Dataset:
-    x = xr.DataArray(np.arange(len(share)) / 10, dims="delta", attrs={"field": "mixture.delta"})
+    x = xr.DataArray(
+        np.arange(len(share)) / 10, dims="delta", attrs={"field": "mixture.delta", "units": "1"}
+    )
     return xr.Dataset(
         {"regime": (("delta", "model"), [[r] for r in regimes]),
          "layered_share": (("delta", "model"), [[s] for s in share])},
@@ -228,6 +252,7 @@ S, M, L, LS, U = "segregated", "mixed", "stratified", "layered-and-segregated", 
         ([S, S, L, L, S, L], [0, 0, 0.2, 1, 0, 1], 0.2, 1),
         ([S, U, "", L], [0, 0.9, np.nan, 1.0], 0.06, 0),
         ([L, L], [1, 1], np.nan, 0),
+        ([L, L, S], [1, 1, 0], np.nan, 1),
         ([S, S], [0, 0], np.nan, 0),
         (["", ""], [np.nan, np.nan], np.nan, 0),
     ],
@@ -297,6 +322,34 @@ def test_one_field_is_drawn_as_curves_and_draws_as_points(setup, diagram) -> Non
     np.testing.assert_allclose(
         axes.collections[0].get_offsets(), np.c_[drawn["psi"], drawn["delta"]]
     )
+
+
+def test_letters_and_cells_are_in_place_whatever_the_order_of_the_values(setup) -> None:
+    vary = {"mixture.delta": [0.3, -0.2, 0.1], "ca_model.contacts": [2, "all", 1]}
+    found = phase(setup, vary, ["ca_model"], deposits=9, workers=1)
+    (axes,) = draw_phase(found).subfigs[0].subfigs[0].axes
+    ticks = [tick.get_text() for tick in axes.get_yticklabels()]
+    assert ticks == ["2", '"all"', "1"]
+    drawn = axes.collections[0].get_array()
+    assert drawn.shape == (3, 3)
+    told = patterns(found).values[..., 0]
+    for letter, (x, y) in ((text.get_text(), text.xy) for text in axes.texts):
+        delta, contacts = divmod(ord(letter) - ord("a"), 3)
+        assert (x, y) == (vary["mixture.delta"][delta], contacts)
+        column = sorted(vary["mixture.delta"]).index(x)
+        assert COLOURS_IN_ORDER[int(drawn[contacts, column])] == told[delta, contacts]
+
+
+def test_draws_at_each_of_a_field_are_all_drawn(setup) -> None:
+    drawn = {"mixture.delta": (0.1, 0.2)}
+    vary = {"mixture.psi": [0.1, 0.3]}
+    found = phase(setup, vary, ["ca_model"], draw=drawn, draws=3, workers=1)
+    (axes,) = draw_phase(found).subfigs[0].subfigs[0].axes
+    offsets = axes.collections[0].get_offsets()
+    expected = [
+        (psi, delta) for psi in vary["mixture.psi"] for delta in sorted(found["delta"].values)
+    ]
+    np.testing.assert_allclose(offsets, expected)
 
 
 def test_of_three_fields_the_middle_of_the_third_is_drawn(setup) -> None:

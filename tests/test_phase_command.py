@@ -20,7 +20,7 @@ from compare.phase import phase_to_file
 from compare.phase.axes import axes_of
 from compare.phase.patterns import patterns
 from compare.phase.plan import Plan, plan_of
-from experiment import ArchiveError, Experiment, OutputExistsError, load
+from experiment import ArchiveError, Experiment, OutputExistsError, StratifyError, load
 from experiment.archive.storage import content_of, read_whole
 
 QUICK = ["cell.length=20.0", "pour.duration=100.0", "pour.records=50", "continuum.cells=40"]
@@ -72,7 +72,7 @@ def test_json_has_the_numbers_of_the_diagram(plan: Plan, tmp_path: Path) -> None
 def test_a_set_up_that_one_model_cannot_pour_is_mapped_by_the_other(tmp_path: Path) -> None:
     changed = ["--set", "mixture.dispersion=0.1", "--workers", 1, "-o", "phase.nc"]
     done = stratify(*COMMAND, *changed, folder=tmp_path)
-    assert done.stdout.startswith("ca_model: does not apply: mixture.dispersion")
+    assert "ca_model: does not apply: mixture.dispersion" in done.stdout
     assert read_whole(tmp_path / "phase.nc")["model_name"].values.tolist() == ["continuum"]
 
 
@@ -202,6 +202,17 @@ def test_another_diagram_is_not_mixed_into_what_is_unfinished(
     assert outcomes_in(path.with_name("phase.nc.unfinished") / "outcomes.sqlite") == 2
     phase_to_file(other, path, IN_TURN, force=True)
     assert path.exists()
+
+
+def test_a_diagram_with_jobs_that_were_not_done_is_not_written(
+    small_pour: Experiment, tmp_path: Path
+) -> None:
+    def lazy(jobs: Iterator[Job]) -> Outcomes:
+        yield 0, next(iter(jobs))()
+
+    with pytest.raises(StratifyError, match="5 of 6 jobs were not done"):
+        phase_to_file(quick_plan(small_pour), tmp_path / "phase.nc", lazy)
+    assert not (tmp_path / "phase.nc").exists()
 
 
 def test_two_processes_cannot_make_one_diagram(small_pour: Experiment, tmp_path: Path) -> None:

@@ -19,32 +19,46 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import islice
+from multiprocessing.synchronize import Event
 
 from compare.campaign.jobs import Job, Numbered, Outcome, Outcomes, do, failed
+from experiment import StratifyError
 
 __all__ = ["in_processes"]
 
 START = "spawn"  # forks copy the locks of threads that they do not have
 AHEAD = 3  # jobs a worker, of which one is done and the others wait
 ENDED = "its process was ended from outside, twice, perhaps for want of memory"
+UNGUARDED = (
+    "no process could be started to pour in: "
+    'a script does so below `if __name__ == "__main__"`, or with workers=1'
+)
+
+UnderWay = dict[Future[Outcome], Numbered]
 
 
 def in_processes(jobs: Iterable[Job], workers: int) -> Outcomes:
     """The outcomes of `jobs` as they come; when this process ends or is stopped, so do the others.
 
-    A script that calls this does so below `if __name__ == "__main__"`.
+    A script that calls this does so below `if __name__ == "__main__"`. Raises
+    :class:`StratifyError` where no process can start.
     """
     waiting = iter(enumerate(jobs))
-    under_way: dict[Future[Outcome], Numbered] = {}
+    suspects: deque[Numbered] = deque()
+    under_way: UnderWay = {}
     while True:
-        with _pool(workers) as pool:
-            try:
-                yield from _as_they_come(pool, waiting, under_way, AHEAD * workers)
-            except BrokenProcessPool:
-                pass
+        try:
+            with _pool(workers) as pool:
+                yield from _as_they_come(pool, waiting, under_way, suspects, AHEAD * workers)
+        except BrokenProcessPool:
+            pass
+        else:
+            return
+        for future, (number, job) in under_way.items():
+            if future.done() and future.exception() is None:
+                yield number, future.result()
             else:
-                return
-        suspects = deque(under_way.values())
+                suspects.append((number, job))
         under_way.clear()
         while suspects:
             yield from _one_by_one(suspects)
@@ -53,48 +67,69 @@ def in_processes(jobs: Iterable[Job], workers: int) -> Outcomes:
 def _as_they_come(
     pool: ProcessPoolExecutor,
     waiting: Iterator[Numbered],
-    under_way: dict[Future[Outcome], Numbered],
+    under_way: UnderWay,
+    suspects: deque[Numbered],
     room: int,
 ) -> Outcomes:
     """Outcomes of the jobs that are `waiting`, at most `room` of which are `under_way` at once."""
     with _interrupts_after():
-        _submit(pool, islice(waiting, room), under_way)
+        _submit(pool, waiting, under_way, suspects, room)
     while under_way:
         done, _ = wait(under_way, return_when=FIRST_COMPLETED)
         for future in done:
-            outcome = future.result()
-            number, _job = under_way.pop(future)
-            _submit(pool, islice(waiting, 1), under_way)
+            number, outcome = under_way[future][0], future.result()
+            del under_way[future]
             yield number, outcome
+        _submit(pool, waiting, under_way, suspects, room)
 
 
 def _submit(
-    pool: ProcessPoolExecutor, jobs: Iterable[Numbered], under_way: dict[Future[Outcome], Numbered]
+    pool: ProcessPoolExecutor,
+    waiting: Iterator[Numbered],
+    under_way: UnderWay,
+    suspects: deque[Numbered],
+    room: int,
 ) -> None:
-    for number, job in jobs:
-        under_way[pool.submit(do, job)] = number, job
+    """Fill the room; a job that a broken pool does not take is a suspect, so as not to be lost."""
+    for number, job in islice(waiting, room - len(under_way)):
+        try:
+            under_way[pool.submit(do, job)] = number, job
+        except BrokenProcessPool:
+            suspects.append((number, job))
+            raise
 
 
 def _one_by_one(suspects: deque[Numbered]) -> Outcomes:
     """Outcomes of the jobs that are first in `suspects`, up to the first that ends its process."""
     with _pool(1) as pool:
         while suspects:
-            number, job = suspects.popleft()
+            number, job = suspects[0]
             try:
                 with _interrupts_after():
                     future = pool.submit(do, job)
-                yield number, future.result()
+            except BrokenProcessPool:  # it was ended while it had nothing to do
+                return
+            suspects.popleft()
+            try:
+                outcome = future.result()
             except BrokenProcessPool:
                 yield number, failed(ENDED)
                 return
+            yield number, outcome
 
 
 @contextmanager
 def _pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """So many workers. Raises :class:`StratifyError` where it breaks before one of them starts."""
     context = multiprocessing.get_context(START)
-    pool = ProcessPoolExecutor(workers, context, initializer=_start)
+    started = context.Event()
+    pool = ProcessPoolExecutor(workers, context, initializer=_start, initargs=(started,))
     try:
         yield pool
+    except BrokenProcessPool:
+        if not started.is_set():
+            raise StratifyError(UNGUARDED) from None
+        raise
     finally:
         pool.shutdown(cancel_futures=True)
 
@@ -117,8 +152,9 @@ def _interrupts_after() -> Iterator[None]:
             signal.raise_signal(signal.SIGINT)
 
 
-def _start() -> None:
+def _start(started: Event) -> None:
     """Make a worker end with its parent, and without a word when stopped from the keyboard."""
+    started.set()
     threading.Thread(target=_end_with_parent, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import xarray as xr
+from rich.console import Console
 
 import ca_model
 import continuum
@@ -44,7 +45,9 @@ def archives_of(folder: Path) -> list[xr.Dataset]:
     return [read(path) for path in there]
 
 
-def applicable(experiment: Experiment, models: list[str]) -> list[str]:
+def applicable(
+    experiment: Experiment, models: list[str], console: Console | None = None
+) -> list[str]:
     """Which of the models can pour; the others say why, and if none can, that is an error."""
     able: list[str] = []
     for name in models:
@@ -53,7 +56,7 @@ def applicable(experiment: Experiment, models: list[str]) -> list[str]:
         except NotApplicableError as refusal:
             if not able and name == models[-1]:
                 raise
-            say(f"{name}: does not apply: {refusal}")
+            say(f"{name}: does not apply: {refusal}", console)
         else:
             able.append(name)
     return able

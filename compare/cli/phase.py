@@ -101,7 +101,7 @@ def phase(
     console = open_console(stderr=as_json)
     axes = axes_of(*varied(vary), draws)
     models = list(BEGIN) if model == "both" else [model]
-    models = applicable(sound_setup(experiment, axes), models)
+    models = applicable(sound_setup(experiment, axes), models, console)
     plan = plan_of(experiment, axes, models, deposits, lines)
     share_out = scheduler_of(workers, scheduler, len(plan))
     with told_how_to_go_on("phase"), counting("phase", len(plan), console) as progress:

@@ -71,17 +71,22 @@ class Axis(NamedTuple):
         return {key: values[place] for key, values in self.fields.items()}
 
     @property
+    def units(self) -> dict[str, str]:
+        """Those of each field that is of numbers."""
+        words = {key: [word for word in key.split(".") if word in UNITS] for key in self.fields}
+        return {key: UNITS[told[0]] if told else "1" for key, told in words.items()}
+
+    @property
     def coordinates(self) -> Coordinates:
         """The values of each field along the axis; those that are no numbers are put in words."""
         found: Coordinates = {}
         for key, values in self.fields.items():
             said = {"long_name": key, "field": key}
             if all(type(value) in {int, float} for value in values):
-                units = [UNITS[word] for word in key.split(".") if word in UNITS]
-                said["units"] = units[0] if units else "1"
+                said["units"] = self.units[key]
                 found[self.names[key]] = self.dim, np.array(values), said
             else:
-                words = np.array([json.dumps(value) for value in values])
+                words = np.array([json.dumps(value, default=str) for value in values])
                 found[f"{self.names[key]}_name"] = self.dim, words, said
         return found
 
@@ -102,11 +107,14 @@ def axes_of(
         raise SetupError(f"draws = {draws}: it should be at least 1 to draw {next(iter(drawn))}")
     if draws and not drawn:
         raise SetupError(f"draws = {draws}: there is no KEY=LOW:HIGH to draw from")
+    twice = [key for key in listed if key in drawn]
+    if twice:
+        raise SetupError(f"{twice[0]}: it varies twice, listed and drawn")
     if not (listed or drawn):
         raise SetupError("vary: missing; at least one field should vary")
     names = _names([*listed, *drawn])
     axes = [
-        Axis(names[key], {key: np.asarray(values, object).tolist()}, names)
+        Axis(names[key], {key: [_plain(value) for value in values]}, names)
         for key, values in listed.items()
     ]
     if drawn:
@@ -136,6 +144,11 @@ def varied(texts: Iterable[str]) -> tuple[Listed, Drawn]:
         else:
             listed[key] = _spaced(text, told.split(":")) if ":" in told else _values(told)
     return listed, drawn
+
+
+def _plain(value: Any) -> Any:
+    """A value as TOML has it, of one of numpy's types."""
+    return value.tolist() if isinstance(value, (np.generic, np.ndarray)) else value
 
 
 def _spaced(text: str, told: Sequence[str]) -> Sequence[float]:

@@ -45,16 +45,16 @@ def boundary(diagram: xr.Dataset, first: str) -> dict[str, xr.Variable]:
     edges = [
         _edge(diagram[first].values, *row) for row in zip(share.T, layered.T, known.T, strict=True)
     ]
-    meaning = f"{diagram[first].attrs['field']} from which on there are layers"
+    field, units = (diagram[first].attrs[name] for name in ("field", "units"))
     told = {
-        LAYERED_FROM: meaning,
-        f"{LAYERED_FROM}_error": "half of the gap in which it lies",
-        f"{LAYERED_FROM}_strays": "points on the wrong side of it",
+        LAYERED_FROM: named(f"{field} from which on there are layers", units),
+        f"{LAYERED_FROM}_error": named("half of the gap in which it lies", units),
+        f"{LAYERED_FROM}_strays": named("points on the wrong side of it"),
     }
     columns = np.array(edges).reshape(-1, len(told)).T
     return {
-        name: xr.Variable(regime.dims[1:], column.reshape(regime.shape[1:]), named(means, ""))
-        for (name, means), column in zip(told.items(), columns, strict=True)
+        name: xr.Variable(regime.dims[1:], column.reshape(regime.shape[1:]), attributes)
+        for (name, attributes), column in zip(told.items(), columns, strict=True)
     }
 
 
@@ -66,7 +66,7 @@ def _edge(
     strays = np.append(0, np.cumsum(layered)) + np.append(0, np.cumsum(~layered[::-1]))[::-1]
     best = int(strays.argmin())
     if not 0 < best < len(x):
-        return Edge(np.nan, np.nan, 0)
+        return Edge(np.nan, np.nan, int(strays[best]))
     before, after = share[best - 1], share[best]
     rises = before < LAYERED_SHARE <= after
     part = (LAYERED_SHARE - before) / (after - before) if rises else 0.5

@@ -12,7 +12,7 @@ from compare.phase.axes import axes_of
 from compare.phase.findings import PLAN, Findings
 from compare.phase.journal import Journal, journal_beside
 from compare.phase.plan import Plan, plan_of
-from experiment import Experiment, OutputExistsError
+from experiment import Experiment, OutputExistsError, StratifyError
 from experiment.archive.files import refuse_existing
 from experiment.archive.storage import read_whole, write_whole
 
@@ -111,4 +111,6 @@ def _worked_out(
                 journal.keep(left[k], outcome)
             if progress is not None:
                 progress(found.told / len(plan))
+    if found.left():
+        raise StratifyError(f"{len(found.left())} of {len(plan)} jobs were not done")
     return found

@@ -66,18 +66,36 @@ def draw_phase(diagram: xr.Dataset) -> "Figure":
 
 
 def _plane(diagram: xr.Dataset) -> xr.Dataset:
-    """The part of a diagram that is drawn, which has two axes at the most."""
-    dims = [str(dim) for dim in diagram["regime"].dims if dim != "model"]
-    if len(dims) <= 2:
-        return diagram
-    middle = {dim: diagram.sizes[dim] // 2 for dim in dims[2:]}
-    said = ", ".join(
-        f"{diagram[dim].attrs['field']} = {diagram[dim].values[k]:g}"
-        for dim, k in middle.items()
-        if dim in diagram.coords
-    )
-    kept = diagram.drop_dims("picture", errors="ignore").isel(middle)
-    return kept.assign_attrs(title=f"{diagram.attrs['title']}, {said}")
+    """The part of a diagram that is drawn: two axes at the most, numbers in their order."""
+    dims = _dims(diagram)
+    if len(dims) > 2:
+        middle = {dim: diagram.sizes[dim] // 2 for dim in dims[2:]}
+        said = ", ".join(
+            f"{diagram[dim].attrs['field']} = {diagram[dim].values[k]:g}"
+            for dim, k in middle.items()
+            if dim in diagram.coords
+        )
+        diagram = diagram.drop_dims("picture", errors="ignore").isel(middle)
+        diagram = diagram.assign_attrs(title=f"{diagram.attrs['title']}, {said}")
+    fields = _fields(diagram)
+    ordered = [name for name in fields if _is_of_numbers(diagram[name].values)]
+    return _with_places(diagram, fields).sortby(ordered)
+
+
+def _with_places(plane: xr.Dataset, fields: list[str]) -> xr.Dataset:
+    """The plane with the place of each picture in it, picture_x and picture_y."""
+    if "picture_point" not in plane:
+        return plane
+    dims = _dims(plane)
+    at = np.unravel_index(plane["picture_point"].values, [plane.sizes[dim] for dim in dims])
+    places = {
+        f"picture_{axis}": (
+            "picture",
+            _numbers(plane, name)[at[dims.index(str(plane[name].dims[0]))]],
+        )
+        for axis, name in zip("xy", fields, strict=False)
+    }
+    return plane.assign(places)
 
 
 def _draw_model(column: "SubFigure", plane: xr.Dataset, model: str, rows: int) -> "Legend":
@@ -103,7 +121,6 @@ def _draw_map(axes: "Axes", of_model: xr.Dataset, fields: list[str]) -> "Legend"
     """Regimes over two fields, with theory's boundaries where these are on a grid."""
     from matplotlib.colors import ListedColormap
 
-    x, y = (_numbers(of_model, name) for name in fields)
     regime = _regimes(of_model)
     how: dict[str, Any] = {
         "cmap": ListedColormap(list(COLOURS.values())),
@@ -112,8 +129,10 @@ def _draw_map(axes: "Axes", of_model: xr.Dataset, fields: list[str]) -> "Legend"
     }
     _label(axes.xaxis, of_model, fields[0])
     _label(axes.yaxis, of_model, fields[1])
+    x, y = (_numbers(of_model, name) for name in fields)
     if DRAW in of_model["regime"].dims:
-        axes.scatter(x, y, c=regime, edgecolors="0.3", linewidths=0.4, **how)
+        x, y = (_everywhere(of_model, name) for name in fields)
+        axes.scatter(x, y, c=regime.ravel(), edgecolors="0.3", linewidths=0.4, **how)
         return _patches(regime)
     axes.pcolormesh(_edges(x), _edges(y), regime.T, rasterized=True, **how)
     return _patches(regime) | _draw_theory(axes, of_model, fields)
@@ -141,7 +160,6 @@ def _draw_theory(axes: "Axes", of_model: xr.Dataset, fields: list[str]) -> "Lege
 
 def _draw_curves(rows: Any, of_model: xr.Dataset, field: str) -> "Legend":
     """What is measured over one field, before the colours of the regimes."""
-    of_model = of_model.sortby(field) if field in of_model.coords else of_model
     x = _numbers(of_model, field)
     order, wavelength, kinks = rows
     regime = _regimes(of_model)
@@ -168,20 +186,15 @@ def _draw_pictures(
     frames = np.ravel(part.subplots(rows, ACROSS, squeeze=False))
     for frame in frames:
         frame.set_axis_off()
-    dims = [dim for dim in plane["regime"].dims if dim != "model"]
-    fields = _fields(plane)
+    over_two = "picture_y" in plane
     for frame, letter, k in zip(frames, ascii_lowercase, _pictures(plane, model), strict=False):
-        frame.imshow(plane["deposit"].values[k], vmin=0, vmax=1)
+        picture = plane.isel(picture=k)
+        frame.imshow(picture["deposit"], vmin=0, vmax=1)
         frame.set_title(letter, fontsize="small", pad=2)
-        point = int(plane["picture_point"].values[k])
-        places = np.unravel_index(point, [plane.sizes[dim] for dim in dims])
-        at = dict(zip(dims, places, strict=True))
-        x, *y = (_numbers(plane, name)[at[plane[name].dims[0]]] for name in fields)
-        where = "data" if y else axes.get_xaxis_transform()
         axes.annotate(
             letter,
-            (x, y[0] if y else 0.92),
-            xycoords=where,
+            (float(picture["picture_x"]), float(picture["picture_y"]) if over_two else 0.92),
+            xycoords="data" if over_two else axes.get_xaxis_transform(),
             bbox=MARK,
             ha="center",
             va="center",
@@ -192,9 +205,13 @@ def _draw_pictures(
 def _fields(plane: xr.Dataset) -> list[str]:
     """The coordinates, at most two, over which a plane is drawn."""
     names = [str(name) for name, there in plane.coords.items() if "field" in there.attrs]
-    order = [dim for dim in plane["regime"].dims if dim != "model"]
-    there = [name for dim in order for name in names if plane[name].dims == (dim,)]
+    there = [name for dim in _dims(plane) for name in names if plane[name].dims == (dim,)]
     return there[:2]
+
+
+def _dims(plane: xr.Dataset) -> list[str]:
+    """Those over which something varies."""
+    return [str(dim) for dim in plane["regime"].dims if dim != "model"]
 
 
 def _pictures(plane: xr.Dataset, model: str) -> list[int]:
@@ -211,6 +228,13 @@ def _numbers(plane: xr.Dataset, field: str) -> Floats:
     values = plane[field].values
     numbers: Floats = (values if _is_of_numbers(values) else np.arange(len(values))) * 1.0
     return numbers
+
+
+def _everywhere(of_model: xr.Dataset, field: str) -> Floats:
+    """The values of a coordinate at each point (point,), the last axis fastest."""
+    regime = of_model["regime"]
+    values = xr.DataArray(_numbers(of_model, field), dims=of_model[field].dims)
+    return values.broadcast_like(regime).transpose(*regime.dims).values.ravel()
 
 
 def _regimes(of_model: xr.Dataset) -> Ints:

@@ -81,7 +81,8 @@ class Findings:
         key = next(iter(self._plan.axes[0].fields))
         onset = np.full(math.prod(shape), np.nan)
         onset[list(self._plan.lines)] = self._lines.values_of(ONSET)
-        said = named(f"{key} from which on disturbances of the steady pile grow", "")
+        units = self._plan.axes[0].units[key]
+        said = named(f"{key} from which on disturbances of the steady pile grow", units)
         reasons = dict.fromkeys(filter(None, self._lines.failure))
         if reasons:
             said["comment"] = "where it is not known: " + "; ".join(reasons)

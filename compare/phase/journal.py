@@ -71,7 +71,7 @@ class Journal:
         """Say what the outcomes are of. Raises :class:`ArchiveError` where they are of another."""
         there = dict(self._base.execute("SELECT name, told FROM plan"))
         here = plan.told()
-        other = [name for name in there if there[name] != here[name]]
+        other = [name for name in there if there[name] != here.get(name)]
         if other:
             raise ArchiveError(
                 f"what is unfinished is another diagram: its {other[0]} differs; "

@@ -108,6 +108,9 @@ def plan_of(
     if points > MOST_POINTS:
         raise SetupError(f"vary: {points} points; at most {MOST_POINTS} are allowed")
     unknown = [model for model in models if model not in CHECK]
+    for name, number in (("deposits", deposits), ("lines", lines)):
+        if number < 0:
+            raise SetupError(f"{name} = {number}: it should be at least 0")
     if unknown or not models:
         raise SetupError(f"models = {list(models)}: allowed: {', '.join(CHECK)}, one or both")
     sound = sound_setup(experiment, axes)
@@ -124,19 +127,23 @@ def sound_setup(experiment: Experiment, axes: Iterable[Axis]) -> Experiment:
 
     Raises :class:`SetupError` where there is none.
     """
+    values: dict[str, Any] = {}
     for axis in axes:
-        experiment = _with_any_place(experiment, axis)
-    return experiment
+        values = _with_any_place(experiment, values, axis)
+    return experiment.with_values(values)
 
 
-def _with_any_place(experiment: Experiment, axis: Axis) -> Experiment:
-    """The set-up at the first place along `axis` at which it is one."""
+def _with_any_place(experiment: Experiment, values: dict[str, Any], axis: Axis) -> dict[str, Any]:
+    """The `values` and those at the first place along `axis` that make a set-up with them."""
     refusal = None
     for place in range(axis.size):
+        there = values | axis.at(place)
         try:
-            return experiment.with_values(axis.at(place))
+            experiment.with_values(there)
         except SetupError as error:
             refusal = refusal or error
+        else:
+            return there
     raise refusal or SetupError(f"{axis.dim}: no values")
 
 

@@ -81,13 +81,18 @@ def _rows(diagram: xr.Dataset) -> Iterator[tuple[str, ...]]:
         here = diagram.isel(at)
         fields = (name for name in here.coords if "field" in here[name].attrs)
         said = ", ".join(f"{name} = {_said(here[name])}" for name in fields if not here[name].dims)
-        edges = zip(here[LAYERED_FROM].values, here[f"{LAYERED_FROM}_error"].values, strict=True)
+        edges = (here[f"{LAYERED_FROM}{end}"].values.tolist() for end in ("", "_error", "_strays"))
         onset = float(here[ONSET]) if ONSET in here else np.nan
         yield (
             f"  at {said}" if said else "",
-            *(with_error(*edge) for edge in edges),
+            *(_edge(*edge) for edge in zip(*edges, strict=True)),
             f"{onset:.3g}" if np.isfinite(onset) else "-",
         )
+
+
+def _edge(place: float, error: float, strays: float) -> str:
+    """A boundary, and how many points do not obey it."""
+    return with_error(place, error) + (f" ({strays:.0f} astray)" if strays else "")
 
 
 def _said(value: xr.DataArray) -> str:

@@ -84,10 +84,10 @@ def critical_delta(experiment: Experiment, bracket: tuple[float, float] = (-0.25
 def critical_value(
     experiment: Experiment, key: str, bracket: tuple[float, float], accuracy: float | None = None
 ) -> float:
-    """The value of the field `key` at which the leading disturbance starts, or ceases, to grow.
+    """The value of the field `key` from which on the leading disturbance grows.
 
     To an `accuracy`, by default a thousandth of the `bracket`. Raises
-    :class:`NotApplicableError` where growth does not change its sign within that.
+    :class:`NotApplicableError` unless it decays at the low end of that and grows at the high one.
     """
 
     @cache
@@ -95,10 +95,10 @@ def critical_value(
         return leading_growth_rate(experiment.with_values({key: value})).real
 
     low, high = (growth(value) for value in bracket)
-    if low * high > 0:
+    if not low < 0 < high:
         raise NotApplicableError(
-            f"{key}: disturbances grow at {low:.2g} to {high:.2g} /s from "
-            f"{bracket[0]:g} to {bracket[1]:g}; the growth rate should change its sign"
+            f"{key}: disturbances grow at {low:.2g} /s at {bracket[0]:g} and {high:.2g} /s at "
+            f"{bracket[1]:g}; the growth rate should turn from negative to positive"
         )
     return float(brentq(growth, *bracket, xtol=accuracy or 1e-3 * (bracket[1] - bracket[0])))
 
