@@ -18,7 +18,7 @@ import pytest
 import xarray as xr
 
 from compare import campaign, measure
-from compare.campaign import POUR, Job, Outcome, Pour, with_chance
+from compare.campaign import LOST, POUR, Job, Outcome, Pour, with_chance
 from compare.campaign.jobs import do
 from compare.campaign.processes import in_processes
 from experiment import Experiment, StratifyError, load
@@ -106,7 +106,7 @@ def test_a_job_that_ends_its_process_is_told_and_the_others_are_done() -> None:
     jobs = [succeed, succeed, end_the_process, succeed]
     found = dict(in_processes(jobs, workers=2))
     assert sorted(found) == [0, 1, 2, 3]
-    assert "ended from outside, twice" in found.pop(2).failure
+    assert found.pop(2).failure == LOST
     assert all(outcome == succeed() for outcome in found.values())
 
 

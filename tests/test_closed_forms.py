@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from flows import law_with, still
 
+from compare import layers
+from continuum import pour
 from continuum.kernel import advance
 from continuum.law import interaction
 from continuum.state import Grid
@@ -72,6 +74,39 @@ def test_the_perturbation_solves_its_equation_and_its_slope_is_the_steady_one() 
     lost = patch.loss_rate(x) * flow(x, time)
     np.testing.assert_allclose(change, -10.0 * drift - lost, rtol=1e-6)
     np.testing.assert_allclose(patch.loss_rate(x), 20.0 * (state.theta_22 - state.slope(x)))
+
+
+@pytest.mark.parametrize("delta", [-0.25, -0.1, -0.05])
+def test_a_patch_is_caught_below_where_the_steady_slope_is_its_repose_slope(delta: float) -> None:
+    state = steady_state_of(load("makse-segregation", [f"mixture.delta={delta}"]))
+    patch = perturbation_of(state)
+    highest = np.array([patch.highest_capture])
+    assert 0 < highest < state.middle
+    assert patch.loss_rate(highest) == pytest.approx(0.0, abs=1e-12)
+    assert state.slope(highest) == pytest.approx(state.theta_22)
+
+
+def test_a_patch_of_rougher_grains_is_caught_all_along_the_slope() -> None:
+    patch = perturbation_of(steady_state_of(load("makse-stratification")))
+    assert patch.highest_capture == 0.0
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ["mixture.delta=-0.1"],
+        ["mixture.delta=-0.05"],
+        ["mixture.delta=-0.2", "mixture.psi=0.5"],
+        ["mixture.delta=-0.15", "mixture.cross_rate=0.5"],
+    ],
+)
+def test_no_layers_begin_above_where_a_patch_would_be_caught(settings: list[str]) -> None:
+    """In all of some 400 pours of the phase diagrams; the four here are among them."""
+    experiment = load("makse-segregation", ["continuum.cells=200", "pour.records=60", *settings])
+    patch = perturbation_of(steady_state_of(experiment))
+    found = layers(pour(experiment))
+    assert found["layered_share"] > 0.2
+    assert patch.highest_capture <= found["zone_layered_begin"] < 60.0
 
 
 @pytest.mark.parametrize("delta", [0.1, 0.02])

@@ -300,7 +300,15 @@ def test_a_map_shows_each_regime_at_its_point_and_both_boundaries(diagram) -> No
         told = {word: set(drawn[(expected == word).values]) for word in np.unique(expected)}
         assert all(len(colours) == 1 for colours in told.values())
         assert len(set.union(*told.values())) == len(told)
+        contour = axes.collections[1].get_paths()[0].vertices
+        np.testing.assert_allclose(contour[:, 0], 0.0, atol=1e-9)
+        (onset,) = axes.get_lines()
+        np.testing.assert_array_equal(onset.get_xdata(), diagram["spectrum_onset"].dropna("psi"))
+        assert onset.get_ydata().tolist() == [0.1]
+        assert axes.texts[0].xy != axes.texts[1].xy
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    there = {*patterns(diagram).values.flat}
+    assert {label for label in labels if label in COLOURS} == there
     assert "equal repose slopes (delta = 0)" in labels
     assert "onset of growth in the spectrum (continuum)" in labels
     letters = [text.get_text() for text in continuum.texts]
@@ -322,6 +330,17 @@ def test_one_field_is_drawn_as_curves_and_draws_as_points(setup, diagram) -> Non
     np.testing.assert_allclose(
         axes.collections[0].get_offsets(), np.c_[drawn["psi"], drawn["delta"]]
     )
+
+
+def test_values_of_one_ratio_have_a_logarithmic_axis(diagram) -> None:
+    field = {"field": "mixture.cross_rate", "units": "s-1"}
+    rates = xr.DataArray([0.01, 0.1, 1.0], dims="psi", attrs=field)
+    (lattice, _) = draw_phase(diagram.assign_coords(psi=rates).drop_dims("picture")).subfigs
+    (axes,) = lattice.subfigs[0].axes
+    assert (axes.get_xscale(), axes.get_yscale()) == ("linear", "log")
+    assert axes.get_ylabel() == "mixture.cross_rate (s-1)"
+    edges = axes.collections[0].get_coordinates()[:, 0, 1]
+    np.testing.assert_allclose(np.log10(edges), [-2.5, -1.5, -0.5, 0.5])
 
 
 def test_letters_and_cells_are_in_place_whatever_the_order_of_the_values(setup) -> None:
@@ -355,4 +374,6 @@ def test_draws_at_each_of_a_field_are_all_drawn(setup) -> None:
 def test_of_three_fields_the_middle_of_the_third_is_drawn(setup) -> None:
     vary = {"mixture.delta": [0.1, 0.2], "mixture.psi": [0.2, 0.3], "pour.pile": [0, 1, 2]}
     found = phase(setup, vary, ["ca_model"], deposits=2, workers=1)
-    assert "pour.pile = 1" in draw_phase(found).get_suptitle()
+    figure = draw_phase(found)
+    assert "pour.pile = 1" in figure.get_suptitle()
+    assert [text.get_text() for text in figure.subfigs[0].subfigs[0].axes[0].texts] == ["a", "b"]

@@ -15,7 +15,8 @@ import pytest
 import xarray as xr
 from running import stratify
 
-from compare.campaign import Job, Outcome, Outcomes, scheduler_of
+from compare.campaign import LOST, Job, Outcome, Outcomes, scheduler_of
+from compare.campaign.jobs import failed
 from compare.phase import phase_to_file
 from compare.phase.axes import axes_of
 from compare.phase.patterns import patterns
@@ -202,6 +203,23 @@ def test_another_diagram_is_not_mixed_into_what_is_unfinished(
     assert outcomes_in(path.with_name("phase.nc.unfinished") / "outcomes.sqlite") == 2
     phase_to_file(other, path, IN_TURN, force=True)
     assert path.exists()
+
+
+def test_what_was_lost_with_its_process_is_tried_again(
+    small_pour: Experiment, tmp_path: Path
+) -> None:
+    plan, path = quick_plan(small_pour), tmp_path / "phase.nc"
+
+    def losing(jobs: Iterator[Job]) -> Outcomes:
+        yield from (
+            (k, failed(LOST if k == 1 else "thin")) for k, _ in zip(range(3), jobs, strict=False)
+        )
+        raise KilledError
+
+    with pytest.raises(KilledError):
+        phase_to_file(plan, path, losing)
+    found = phase_to_file(plan, path, IN_TURN, resume=True)
+    assert found["failure"].values.ravel().tolist() == ["thin", "", "thin", "", "", ""]
 
 
 def test_a_diagram_with_jobs_that_were_not_done_is_not_written(

@@ -9,6 +9,7 @@ from compare.campaign.campaign import campaign
 from compare.campaign.jobs import (
     BEGIN,
     CHECK,
+    LOST,
     POUR,
     Job,
     Outcome,
@@ -23,6 +24,7 @@ from compare.campaign.table import Table
 __all__ = [
     "BEGIN",
     "CHECK",
+    "LOST",
     "POUR",
     "Job",
     "Outcome",

@@ -29,7 +29,7 @@ from distributed import (
 from distributed.client import ClosedClientError
 from distributed.utils import LoopRunner
 
-from compare.campaign.jobs import Job, Numbered, Outcome, Outcomes, Scheduler, do, failed
+from compare.campaign.jobs import LOST, Job, Numbered, Outcome, Outcomes, Scheduler, do, failed
 from experiment import SetupError, StratifyError
 from experiment.archive.provenance import made_by
 
@@ -38,7 +38,6 @@ __all__ = ["cluster_at"]
 AHEAD = 3  # jobs a worker's thread, of which one is done and the others wait
 PATIENCE = 10.0  # s, to reach the scheduler, and to see a worker
 _made_by = cache(made_by)  # it reads files
-ENDED = "its workers were lost, several in turn, perhaps for want of memory"
 
 
 def cluster_at(address: str) -> Scheduler:
@@ -59,7 +58,7 @@ def _on_cluster(jobs: Iterable[Job], address: str) -> Outcomes:
         for suspect in suspects:
             guilty: list[Numbered] = []
             yield from _as_they_come(client, address, iter([suspect]), guilty)
-            yield from ((number, failed(ENDED)) for number, _ in guilty)
+            yield from ((number, failed(LOST)) for number, _ in guilty)
 
 
 def _as_they_come(

@@ -25,6 +25,7 @@ from experiment.pouring import Begin
 __all__ = [
     "BEGIN",
     "CHECK",
+    "LOST",
     "POUR",
     "Job",
     "Numbered",
@@ -43,6 +44,8 @@ POUR: dict[str, Callable[..., xr.Dataset]] = {
 }
 BEGIN: dict[str, Begin] = {"ca_model": ca_model.begin, "continuum": continuum.begin}
 CHECK = {"ca_model": ca_model.check, "continuum": continuum.check}
+
+LOST = "it was lost with its process, more than once, perhaps for want of memory"
 
 Attributes = Mapping[str, Mapping[str, str]]
 

@@ -21,14 +21,13 @@ from contextlib import contextmanager
 from itertools import islice
 from multiprocessing.synchronize import Event
 
-from compare.campaign.jobs import Job, Numbered, Outcome, Outcomes, do, failed
+from compare.campaign.jobs import LOST, Job, Numbered, Outcome, Outcomes, do, failed
 from experiment import StratifyError
 
 __all__ = ["in_processes"]
 
 START = "spawn"  # forks copy the locks of threads that they do not have
 AHEAD = 3  # jobs a worker, of which one is done and the others wait
-ENDED = "its process was ended from outside, twice, perhaps for want of memory"
 UNGUARDED = (
     "no process could be started to pour in: "
     'a script does so below `if __name__ == "__main__"`, or with workers=1'
@@ -113,7 +112,7 @@ def _one_by_one(suspects: deque[Numbered]) -> Outcomes:
             try:
                 outcome = future.result()
             except BrokenProcessPool:
-                yield number, failed(ENDED)
+                yield number, failed(LOST)
                 return
             yield number, outcome
 
@@ -139,14 +138,15 @@ def _interrupts_after() -> Iterator[None]:
     """What is pressed within is heard after it, here and by the processes that start within."""
     pressed: list[int] = []
     in_main_thread = threading.current_thread() is threading.main_thread()
-    if in_main_thread:  # other threads may take the signal, and it would be raised in this one
+    heard = in_main_thread and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
+    if heard:  # other threads may take the signal, and it would be raised in this one
         handler = signal.signal(signal.SIGINT, lambda number, _: pressed.append(number))
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # processes inherit it
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        if in_main_thread:
+        if heard:
             signal.signal(signal.SIGINT, handler)
         if pressed:
             signal.raise_signal(signal.SIGINT)
@@ -156,7 +156,8 @@ def _start(started: Event) -> None:
     """Make a worker end with its parent, and without a word when stopped from the keyboard."""
     started.set()
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 

@@ -1,5 +1,6 @@
 """Pictures of phase diagrams: regimes, theory's boundaries, and small deposits at chosen points."""
 
+from collections.abc import Mapping
 from itertools import combinations
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
@@ -67,35 +68,33 @@ def draw_phase(diagram: xr.Dataset) -> "Figure":
 
 def _plane(diagram: xr.Dataset) -> xr.Dataset:
     """The part of a diagram that is drawn: two axes at the most, numbers in their order."""
-    dims = _dims(diagram)
-    if len(dims) > 2:
-        middle = {dim: diagram.sizes[dim] // 2 for dim in dims[2:]}
-        said = ", ".join(
-            f"{diagram[dim].attrs['field']} = {diagram[dim].values[k]:g}"
-            for dim, k in middle.items()
-            if dim in diagram.coords
-        )
-        diagram = diagram.drop_dims("picture", errors="ignore").isel(middle)
-        diagram = diagram.assign_attrs(title=f"{diagram.attrs['title']}, {said}")
     fields = _fields(diagram)
-    ordered = [name for name in fields if _is_of_numbers(diagram[name].values)]
-    return _with_places(diagram, fields).sortby(ordered)
+    middle = {dim: diagram.sizes[dim] // 2 for dim in _dims(diagram)[2:]}
+    said = [
+        f", {diagram[dim].attrs['field']} = {diagram[dim].values[k]:g}"
+        for dim, k in middle.items()
+        if dim in diagram.coords
+    ]
+    plane = _with_places(diagram, fields, middle).isel(middle)
+    ordered = [name for name in fields if _is_of_numbers(plane[name].values)]
+    return plane.sortby(ordered).assign_attrs(title="".join([diagram.attrs["title"], *said]))
 
 
-def _with_places(plane: xr.Dataset, fields: list[str]) -> xr.Dataset:
-    """The plane with the place of each picture in it, picture_x and picture_y."""
-    if "picture_point" not in plane:
-        return plane
-    dims = _dims(plane)
-    at = np.unravel_index(plane["picture_point"].values, [plane.sizes[dim] for dim in dims])
-    places = {
-        f"picture_{axis}": (
-            "picture",
-            _numbers(plane, name)[at[dims.index(str(plane[name].dims[0]))]],
-        )
+def _with_places(diagram: xr.Dataset, fields: list[str], middle: Mapping[str, int]) -> xr.Dataset:
+    """The diagram with those pictures that are in its `middle`, and where they are in `fields`."""
+    if "picture_point" not in diagram:
+        return diagram
+    dims = _dims(diagram)
+    places = np.unravel_index(diagram["picture_point"].values, [diagram.sizes[dim] for dim in dims])
+    at = dict(zip(dims, places, strict=True))
+    inside = np.all([at[dim] == k for dim, k in middle.items()], axis=0) if middle else True
+    along = {name: at[str(diagram[name].dims[0])] for name in fields}
+    where = {
+        f"picture_{axis}": ("picture", _numbers(diagram, name)[along[name]])
         for axis, name in zip("xy", fields, strict=False)
     }
-    return plane.assign(places)
+    shown = np.flatnonzero(np.broadcast_to(inside, diagram.sizes["picture"]))
+    return diagram.assign(where).isel(picture=shown)
 
 
 def _draw_model(column: "SubFigure", plane: xr.Dataset, model: str, rows: int) -> "Legend":

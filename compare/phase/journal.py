@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from compare.campaign import Outcome
+from compare.campaign import LOST, Outcome
 from compare.deposit.picture import PIXEL, SHAPE
 from compare.phase.plan import Plan
 from experiment import ArchiveError, OutputExistsError
@@ -86,7 +86,7 @@ class Journal:
         new = {name: told for name, told in outcome.attributes.items() if name not in self._known}
         with self._base:
             self._base.execute(
-                "INSERT INTO outcome VALUES (?, ?, ?, ?)",
+                "INSERT OR REPLACE INTO outcome VALUES (?, ?, ?, ?)",
                 (job, json.dumps(outcome.measured), outcome.failure, pixels),
             )
             self._base.executemany(
@@ -96,11 +96,11 @@ class Journal:
         self._known |= set(new)
 
     def outcomes(self) -> Iterator[tuple[int, Outcome]]:
-        """The job and the outcome of all that is done, in the order of the jobs."""
+        """The job and the outcome of all that is done; what was LOST is to be tried again."""
         rows = self._base.execute("SELECT name, attributes FROM quantity")
         attributes = {name: json.loads(told) for name, told in rows}
         for job, measured, failure, pixels in self._base.execute(
-            "SELECT job, measured, failure, picture FROM outcome ORDER BY job"
+            "SELECT job, measured, failure, picture FROM outcome WHERE failure <> ?", (LOST,)
         ):
             picture = None if pixels is None else np.frombuffer(pixels, PIXEL).reshape(SHAPE)
             yield job, Outcome(json.loads(measured), attributes, failure, picture)

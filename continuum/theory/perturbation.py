@@ -8,7 +8,13 @@ repose slope theta_22 on the unchanged slope of the steady state, so that
 
     R_2 = (l - x)^omega exp(-gamma delta t),     omega = (v + v') / v
 
-For delta > 0 the flow over the patch fades: it is caught, and the patch grows.
+For delta > 0 the flow over the patch fades: it is caught, and the patch grows. That reads the sign
+of gamma delta alone; but what is caught at x is all of the bracket, gamma (theta_22 - theta(x)),
+for the steady slope falls along region A. So for delta < 0, too, a patch is caught below the place
+
+    x* = l - (v + v') / (gamma |delta|)     where theta(x*) = theta_22
+
+which lies in region A for delta > -psi. In pours of the continuum no layers begin above it.
 """
 
 from dataclasses import dataclass
@@ -38,6 +44,13 @@ class Perturbation:
     def loss_rate(self, x: Floats) -> Floats:
         """Gamma delta + (v + v') / (l - x) (cell,) [1/s]: how fast the flow is caught at x [cm]."""
         return (self.velocity + self.added_velocity) / (self.reach - x) - self.growth_rate
+
+    @property
+    def highest_capture(self) -> float:
+        """x* [cm], 0 where a patch is caught all along the slope."""
+        if self.growth_rate <= 0:
+            return 0.0
+        return max(0.0, self.reach - (self.velocity + self.added_velocity) / self.growth_rate)
 
     def rolling_thickness(self, x: Floats, time: float) -> Floats:
         """R_2 (cell,), but for a factor, at distances x [cm] < l and a time [s]."""
