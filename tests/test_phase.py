@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from compare import measure, phase
 from compare.campaign import POUR
+from compare.deposit.picture import picture_of
 from compare.phase.axes import axes_of, varied
 from compare.phase.boundary import boundary
 from compare.phase.figure import COLOURS, draw_phase
@@ -108,8 +109,11 @@ def test_of_n_draws_one_lies_in_each_nth_of_every_range(draws: int, seed: int) -
 
 def test_dimensions_are_named_after_the_end_of_their_fields() -> None:
     listed = {"mixture.delta": [1], "mixture.grain_diameter.1": [1], "a.cells": [1], "b.cells": [2]}
+    listed["published.wavelength"] = [1.0]
     names = [axis.dim for axis in axes_of(listed)]
-    assert names == ["delta", "grain_diameter_1", "a_cells", "b_cells"]
+    assert names == [
+        "delta", "grain_diameter_1", "a_cells", "b_cells", "published_wavelength"
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -211,6 +215,21 @@ def test_a_diagram_over_one_field_words_and_draws_has_all_of_their_dimensions(se
     assert "layered_from" not in found
 
 
+def test_pictures_say_what_they_are_of(setup: Experiment) -> None:
+    vary = {"mixture.delta": [-0.3, 0.3], "mixture.psi": [0.2, 0.3]}
+    found = phase(setup, vary, ["continuum"], deposits=2, lines=0, workers=1)
+    assert found["picture_point"].values.tolist() == [1, 3]
+    for picture, delta in zip(found["deposit"].values, (-0.3, 0.3), strict=True):
+        there = setup.with_values({"mixture.delta": delta, "mixture.psi": 0.3})
+        np.testing.assert_array_equal(picture, picture_of(POUR["continuum"](there)))
+
+
+def test_plans_that_keep_other_deposits_are_told_apart(setup: Experiment) -> None:
+    axes = axes_of({"mixture.delta": [0.1, 0.2, 0.3]})
+    told = [plan_of(setup, axes, ["ca_model"], n).digest for n in (0, 1, 2)]
+    assert len(set(told)) == 3
+
+
 def test_a_diagram_carries_the_set_up_it_was_made_from(setup, diagram) -> None:
     assert Experiment.from_toml(diagram.attrs["experiment"]) == setup
     assert diagram["delta"].attrs["field"] == "mixture.delta"
@@ -276,6 +295,7 @@ def test_the_error_of_a_boundary_is_half_of_the_gap_it_lies_in() -> None:
         ("stratified", (10, 90), "stratified"),
         ("layered-and-segregated", (0, 60), "layers above, segregated below"),
         ("layered-and-segregated", (30, 100), "segregated above, layers below"),
+        ("layered-and-segregated", (0, 120), "segregated above, layers below"),
         ("segregated", (0, 10), "segregated"),
         ("", (np.nan, np.nan), "failed"),
     ],

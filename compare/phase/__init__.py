@@ -1,7 +1,8 @@
 """Phase diagrams: what both models do over fields of a set-up, with theory's boundary beside it.
 
-`axes` says what varies, `plan` what is to be done for it, `journal` keeps what is done; `diagram`
-makes of it one Dataset, in which `boundary` finds where a regime ends and which `figure` draws.
+`axes` says what varies, `plan` what is to be done for it, and `journal` keeps what is done;
+`findings` makes one Dataset of it, with the `boundary` that was measured and that of `theory`;
+`diagram` does all that, `figure` draws it by its `patterns`, `summary` puts it in a table.
 """
 
 from compare.phase.diagram import phase, phase_to_file

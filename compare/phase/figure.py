@@ -77,7 +77,13 @@ def _plane(diagram: xr.Dataset) -> xr.Dataset:
     ]
     plane = _with_places(diagram, fields, middle).isel(middle)
     ordered = [name for name in fields if _is_of_numbers(plane[name].values)]
-    return plane.sortby(ordered).assign_attrs(title="".join([diagram.attrs["title"], *said]))
+    plane = plane.sortby(ordered).assign_attrs(title="".join([diagram.attrs["title"], *said]))
+    if len(fields) < 2 or DRAW in _dims(plane):
+        return plane
+    sizes = [plane.sizes[dim] for dim in _dims(plane)]
+    return plane.assign(
+        pure_slope=([*_dims(plane), "grain"], pure_slopes(plane).reshape(*sizes, -1))
+    )
 
 
 def _with_places(diagram: xr.Dataset, fields: list[str], middle: Mapping[str, int]) -> xr.Dataset:
@@ -142,7 +148,7 @@ def _draw_theory(axes: "Axes", of_model: xr.Dataset, fields: list[str]) -> "Lege
 
     legend: Legend = {}
     x, y = (_numbers(of_model, name) for name in fields)
-    slopes = pure_slopes(of_model).reshape(len(x), len(y), -1)
+    slopes = of_model["pure_slope"].values
     for a, b in combinations(range(slopes.shape[-1]), 2):
         difference = slopes[..., b] - slopes[..., a]
         if (difference < 0).any() and (difference > 0).any():
@@ -263,7 +269,7 @@ def _label(axis: Any, plane: xr.Dataset, field: str) -> None:
     if not _is_of_numbers(values):
         axis.set_ticks(np.arange(len(values)), values.tolist())
     elif _is_geometric(values):
-        axis._set_axes_scale("log")
+        axis.axes.set(**{f"{axis.axis_name}scale": "log"})
         plain = StrMethodFormatter("{x:g}")
         axis.set_major_formatter(plain)
         is_short = values[-1] < 10**FEW * values[0]

@@ -69,7 +69,7 @@ class Plan:
     def _onset(self, line: int) -> Onset:
         first, *others = self.axes
         ((key, values),) = first.fields.items()
-        return Onset(self.experiment, key, (values[0], values[-1]), _at(others, line))
+        return Onset(self.experiment, key, values, _at(others, line))
 
     def told(self) -> dict[str, str]:
         """All that the outcomes depend on, in words."""
@@ -99,7 +99,8 @@ def plan_of(
 
     Those are spread evenly over the diagram. Along so many `lines` across the first axis, evenly
     spread over the others, the spectrum of the steady pile is asked where disturbances begin to
-    grow, unless the first axis is of words or drawn, or the continuum does not pour. Raises
+    grow, unless the first axis is not of numbers that grow, of mixture, cell or feed, or the
+    continuum does not pour. Raises
     :class:`SetupError` where a field cannot vary as an axis says, at not a single place; and
     :class:`NotApplicableError` where a model cannot pour what it says.
     """
@@ -117,7 +118,9 @@ def plan_of(
     for model in models:
         CHECK[model](sound)
     plan = Plan(experiment, axes, tuple(models), pictured=_spread(shape, deposits))
-    if "continuum" not in models or not plan.is_graded:
+    key = next(iter(axes[0].fields))
+    of_the_pile = key.split(".")[0] in {"mixture", "cell", "feed"}
+    if "continuum" not in models or not plan.is_graded or not of_the_pile:
         return plan
     return replace(plan, lines=_thinned(points // shape[0], lines))
 

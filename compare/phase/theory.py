@@ -6,7 +6,7 @@ Re sigma = 0                        disturbances of the steady pile begin to gro
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +22,8 @@ __all__ = ["ONSET", "Onset", "pure_slopes"]
 
 ONSET = "spectrum_onset"
 
+PART = 0.02
+
 
 @dataclass(frozen=True)
 class Onset:
@@ -29,13 +31,15 @@ class Onset:
 
     experiment: Experiment
     key: str
-    bracket: tuple[float, float]
+    along: Sequence[float]  # its values on the axis
     values: Mapping[str, object]  # of the other fields
 
     def __call__(self) -> Outcome:
-        """Find it. Raises :class:`NotApplicableError` where it does not lie in the bracket."""
+        """Find it to a part of a step. Raises :class:`NotApplicableError` where it is not there."""
         at = self.experiment.with_values(self.values)
-        return Outcome({ONSET: critical_value(at, self.key, self.bracket)}, {})
+        accuracy = PART * float(np.diff(self.along).min())
+        ends = self.along[0], self.along[-1]
+        return Outcome({ONSET: critical_value(at, self.key, ends, accuracy)}, {})
 
 
 def pure_slopes(diagram: xr.Dataset) -> Floats:

@@ -82,12 +82,12 @@ def critical_delta(experiment: Experiment, bracket: tuple[float, float] = (-0.25
 
 
 def critical_value(
-    experiment: Experiment, key: str, bracket: tuple[float, float], accuracy: float | None = None
+    experiment: Experiment, key: str, bracket: tuple[float, float], accuracy: float
 ) -> float:
     """The value of the field `key` from which on the leading disturbance grows.
 
-    To an `accuracy`, by default a thousandth of the `bracket`. Raises
-    :class:`NotApplicableError` unless it decays at the low end of that and grows at the high one.
+    To that `accuracy`. Raises :class:`NotApplicableError` unless it decays at the low end of the
+    bracket and grows at the high one.
     """
 
     @cache
@@ -100,7 +100,7 @@ def critical_value(
             f"{key}: disturbances grow at {low:.2g} /s at {bracket[0]:g} and {high:.2g} /s at "
             f"{bracket[1]:g}; the growth rate should turn from negative to positive"
         )
-    return float(brentq(growth, *bracket, xtol=accuracy or 1e-3 * (bracket[1] - bracket[0])))
+    return float(brentq(growth, *bracket, xtol=accuracy))
 
 
 def spectrum_of(experiment: Experiment, count: int = 6) -> Spectrum:
