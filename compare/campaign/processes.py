@@ -1,9 +1,9 @@
 """Jobs in processes of this machine, one a processor.
 
-A pour spends much of its time outside the kernels, and that holds the interpreter: on two
-processors, 24 pours of glass-sugar on the lattice took 2.6 s on one thread, 2.5 s on two, and 1.5
-to 2 s in two processes, once these had started (1.7 s). So each processor gets a process of its
-own, which loads the kernels that were compiled before.
+A pour and its measurement spend much of their time outside the kernels, and that holds the
+interpreter: a second thread hardly helps, a second process gives 1.96 times the outcomes. So each
+processor gets a process of its own, which takes some 1.7 s to start, and loads the kernels that
+were compiled before.
 
 A worker that is ended from outside, perhaps for want of memory, takes with it whatever was under
 way. These jobs are then done one by one, and the one that ends its process again is told as failed.
