@@ -17,6 +17,7 @@ from running import stratify
 
 from compare.campaign import LOST, Job, Outcome, Outcomes, scheduler_of
 from compare.campaign.jobs import failed
+from compare.cli import main
 from compare.phase import phase_to_file
 from compare.phase.axes import axes_of
 from compare.phase.patterns import patterns
@@ -88,12 +89,20 @@ def test_a_set_up_that_one_model_cannot_pour_is_mapped_by_the_other(tmp_path: Pa
     ],
 )
 def test_bad_input_is_told_in_one_line_and_nothing_is_written(
-    tmp_path: Path, changed: list[str], complaint: str
+    tmp_path: Path,
+    changed: list[str],
+    complaint: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    done = stratify(*COMMAND, *changed, folder=tmp_path)
-    assert done.returncode == 2
-    assert complaint in done.stderr
-    assert done.stderr.count("\n") == 1
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["stratify", *COMMAND, *changed])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    told = capsys.readouterr().err
+    assert ended.value.code == 2
+    assert complaint in told
+    assert told.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 
