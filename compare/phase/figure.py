@@ -36,6 +36,7 @@ GROWTH: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 3, "lin
 BARS: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 3, "linestyle": ""}
 MARK: dict[str, Any] = {"boxstyle": "circle,pad=0.2", "facecolor": "white", "linewidth": 0.6}
 ACROSS = 4  # pictures
+BESIDE = (9, 9)  # points, the letter of a draw, so as not to hide it
 NARROWEST = 6.6  # inches, for two columns of the legend
 FEW = 1.5  # decades, within which more is labelled than the powers of ten
 EVEN = 1e-6  # relative difference of ratios that are equal
@@ -200,6 +201,8 @@ def _draw_pictures(
             letter,
             (float(picture["picture_x"]), float(picture["picture_y"]) if over_two else 0.92),
             xycoords="data" if over_two else axes.get_xaxis_transform(),
+            xytext=BESIDE if DRAW in _dims(plane) else (0, 0),
+            textcoords="offset points",
             bbox=MARK,
             ha="center",
             va="center",
