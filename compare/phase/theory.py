@@ -21,8 +21,7 @@ from experiment.arrays import Floats
 __all__ = ["ONSET", "Onset", "pure_slopes"]
 
 ONSET = "spectrum_onset"
-
-PART = 0.02
+PART = 0.02  # of the smallest step along the axis, to which an onset is found
 
 
 @dataclass(frozen=True)
