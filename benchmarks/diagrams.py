@@ -74,8 +74,8 @@ def speed_up(plan: Plan) -> None:
     print(f"{workers} processes: {together / alone:.2f} times the pours of one")
 
 
-def mapped(plan: Plan) -> float:
-    """Print how long the whole diagram takes, start and file included; seconds a point."""
+def mapped(plan: Plan) -> None:
+    """Print how long the whole diagram takes, start and file included."""
     workers = os.cpu_count() or 1
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "phase.nc"
@@ -86,7 +86,6 @@ def mapped(plan: Plan) -> float:
         f"{points} set-ups by both models: {took / 60:.1f} min on {workers} processors, "
         f"{took / points * 1e3:.0f} ms each, {size / points:.0f} bytes each in the file"
     )
-    return took / points
 
 
 def overhead(plan: Plan) -> float:

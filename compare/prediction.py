@@ -1,6 +1,6 @@
 """What a comparison says beyond its archives: ranges from uncertain inputs, means over piles."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import xarray as xr
 
@@ -8,10 +8,9 @@ from compare.campaign import campaign, with_chance
 from compare.ensemble import draws, piles, piles_mean, predict, with_ranges
 from experiment import Experiment
 from experiment.archive import experiment_of
+from experiment.pouring import Progress
 
 __all__ = ["base", "models_with_chance", "with_piles", "with_prediction"]
-
-Progress = Callable[[float], object]
 
 
 def base(

@@ -1,6 +1,6 @@
 """Many set-ups, poured by both models: all that is measured, in one Dataset."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 
 import xarray as xr
@@ -9,6 +9,7 @@ from compare.campaign.jobs import POUR, Pour
 from compare.campaign.schedulers import scheduler_of
 from compare.campaign.table import Table
 from experiment import Experiment
+from experiment.pouring import Progress
 
 __all__ = ["campaign"]
 
@@ -19,7 +20,7 @@ def campaign(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
-    progress: Callable[[float], object] | None = None,
+    progress: Progress | None = None,
 ) -> xr.Dataset:
     """What :func:`measure` finds in each of `experiments`, poured by each of `models`.
 

@@ -29,13 +29,22 @@ from distributed import (
 from distributed.client import ClosedClientError
 from distributed.utils import LoopRunner
 
-from compare.campaign.jobs import LOST, Job, Numbered, Outcome, Outcomes, Scheduler, do, failed
+from compare.campaign.jobs import (
+    AHEAD,
+    LOST,
+    Job,
+    Numbered,
+    Outcome,
+    Outcomes,
+    Scheduler,
+    do,
+    failed,
+)
 from experiment import SetupError, StratifyError
 from experiment.archive.provenance import made_by
 
 __all__ = ["cluster_at"]
 
-AHEAD = 3  # jobs a worker's thread, of which one is done and the others wait
 PATIENCE = 10.0  # s, to reach the scheduler, and to see a worker
 _made_by = cache(made_by)  # it reads files
 

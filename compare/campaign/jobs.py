@@ -23,6 +23,7 @@ from experiment.arrays import Floats
 from experiment.pouring import Begin
 
 __all__ = [
+    "AHEAD",
     "BEGIN",
     "CHECK",
     "LOST",
@@ -45,6 +46,7 @@ POUR: dict[str, Callable[..., xr.Dataset]] = {
 BEGIN: dict[str, Begin] = {"ca_model": ca_model.begin, "continuum": continuum.begin}
 CHECK = {"ca_model": ca_model.check, "continuum": continuum.check}
 
+AHEAD = 3  # jobs for each worker, of which one is done and the others wait
 LOST = "it was lost with its process, more than once, perhaps for want of memory"
 
 Attributes = Mapping[str, Mapping[str, str]]

@@ -21,13 +21,12 @@ from contextlib import contextmanager
 from itertools import islice
 from multiprocessing.synchronize import Event
 
-from compare.campaign.jobs import LOST, Job, Numbered, Outcome, Outcomes, do, failed
+from compare.campaign.jobs import AHEAD, LOST, Job, Numbered, Outcome, Outcomes, do, failed
 from experiment import StratifyError
 
 __all__ = ["in_processes"]
 
 START = "spawn"  # forks copy the locks of threads that they do not have
-AHEAD = 3  # jobs a worker, of which one is done and the others wait
 UNGUARDED = (
     "no process could be started to pour in: "
     'a script does so below `if __name__ == "__main__"`, or with workers=1'

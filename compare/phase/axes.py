@@ -26,14 +26,7 @@ DRAW = "draw"
 LOGARITHMIC = "log"
 MOST = 100_000  # values of an axis
 ROUND_OFF = 1e-12
-MEASURED = (
-    "wavelength",
-    "kink_velocity",
-    "model",
-    "regime",
-    "failure",
-    DRAW,
-)  # names that are taken
+TAKEN = ("wavelength", "kink_velocity", "model", "regime", "failure", DRAW)  # names of a diagram
 HOW = (
     "it should be KEY=LOW:HIGH:COUNT, KEY=LOW:HIGH:COUNT:log, KEY=VALUE,VALUE,... "
     "or, to be drawn, KEY=LOW:HIGH"
@@ -184,7 +177,7 @@ def _values(told: str) -> Sequence[Any]:
 def _names(keys: Sequence[str]) -> dict[str, str]:
     """A name for each field: the end of its key, or all of it where another has that name."""
     ends = {key: _end(key) for key in keys}
-    number = Counter([*ends.values(), *MEASURED])
+    number = Counter([*ends.values(), *TAKEN])
     return {key: end if number[end] == 1 else key.replace(".", "_") for key, end in ends.items()}
 
 

@@ -1,6 +1,6 @@
 """A phase diagram: a set-up poured by both models at each point, in memory or into a file."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -12,14 +12,14 @@ from compare.phase.axes import axes_of
 from compare.phase.findings import PLAN, Findings
 from compare.phase.journal import Journal, journal_beside
 from compare.phase.plan import Plan, plan_of
-from experiment import ArchiveError, Experiment, OutputExistsError, StratifyError
-from experiment.archive.files import refuse_existing
+from experiment import Experiment, OutputExistsError, StratifyError
+from experiment.archive.files import refuse_existing, refuse_folder
 from experiment.archive.storage import read_whole, write_whole
+from experiment.pouring import Progress
 
 __all__ = ["phase", "phase_to_file"]
 
 LINES = 16
-Progress = Callable[[float], object]
 
 
 def phase(
@@ -75,8 +75,7 @@ def phase_to_file(
     left; one that did is read. Raises :class:`OutputExistsError` for what is in the way and not to
     be replaced by `force`, and :class:`ArchiveError` for what cannot be written or gone on with.
     """
-    if path.is_dir():
-        raise ArchiveError(f"{str(path)!r} cannot be written: it is a folder")
+    refuse_folder(path)
     refuse_existing([path], force=force or resume)
     whole = _whole(path, plan) if path.exists() and not force else None
     with journal_beside(path, plan, resume=resume, force=force) as journal:

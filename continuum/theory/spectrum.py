@@ -33,7 +33,6 @@ from continuum.theory.steady_state import steady_state_of
 from continuum.transport import dispersion_substeps
 from experiment import Experiment, NotApplicableError
 from experiment.arrays import Floats, Ints
-from experiment.experiment import set_values
 
 __all__ = [
     "Spectrum",
@@ -198,11 +197,6 @@ def step_of(experiment: Experiment) -> Step:
     )
 
 
-def changed(experiment: Experiment, *settings: str) -> Experiment:
-    """The experiment with settings KEY=VALUE in place."""
-    return Experiment.parse(set_values(experiment.model_dump(exclude_none=True), settings))
-
-
 def first_guess(experiment: Experiment, step: Step) -> Floats:
     """The closed form for D = 0 and sharp P or, where there is none, the end of a long pour.
 
@@ -212,7 +206,7 @@ def first_guess(experiment: Experiment, step: Step) -> Floats:
     edge = (np.arange(step.cells) + 1) * step.grid.dx
     edge[-1] = experiment.cell.length
     guess = np.zeros((step.cells, 2 * len(step.inflow)))
-    sharp = changed(experiment, "mixture.dispersion=0.0", "mixture.smoothing=0.0")
+    sharp = experiment.with_values({"mixture.dispersion": 0.0, "mixture.smoothing": 0.0})
     try:
         closed = steady_state_of(sharp)
     except NotApplicableError:
@@ -233,12 +227,13 @@ def _poured(experiment: Experiment) -> tuple[Floats, Floats, Floats]:
     crossing = length / min(experiment.mixture.drift_velocity)
     slope = float(np.min(experiment.mixture.repose_slope))
     last = pour(
-        changed(
-            experiment,
-            f"mixture.surface_depth={depth:.17g}",
-            f"cell.start_slope={slope:.17g}",
-            f"pour.duration={crossing * (length + 20 * depth) / total:.17g}",
-            "pour.records=1",
+        experiment.with_values(
+            {
+                "mixture.surface_depth": depth,
+                "cell.start_slope": slope,
+                "pour.duration": crossing * (length + 20 * depth) / total,
+                "pour.records": 1,
+            }
         )
     ).isel(time=-1)
     dx = last["x"].values[1] - last["x"].values[0]

@@ -12,6 +12,7 @@ __all__ = [
     "make_folder",
     "put_in_place",
     "refuse_existing",
+    "refuse_folder",
     "size_of",
     "sync",
     "whole_file",
@@ -24,6 +25,12 @@ def refuse_existing(paths: Iterable[Path], *, force: bool) -> None:
     for path in paths:
         if path.exists() and not force:
             raise OutputExistsError(f"{str(path)!r} exists already; --force replaces it")
+
+
+def refuse_folder(path: Path) -> None:
+    """Raise :class:`ArchiveError` where a folder has the name that a file is to have."""
+    if path.is_dir():
+        raise ArchiveError(f"{str(path)!r} cannot be written: it is a folder")
 
 
 def make_folder(folder: Path) -> None:

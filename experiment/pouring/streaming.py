@@ -7,7 +7,7 @@ that it would have come to anyway.
 from collections.abc import Callable
 from pathlib import Path
 
-from experiment.archive.files import put_in_place, refuse_existing, writing
+from experiment.archive.files import put_in_place, refuse_existing, refuse_folder, writing
 from experiment.archive.layout import experiment_of
 from experiment.archive.places import in_store
 from experiment.archive.provenance import difference, stamp
@@ -74,8 +74,8 @@ def pour_to_file(
 def _refuse_what_is_in_the_way(path: Path, folder: Path, *, force: bool) -> None:
     if in_store(path):
         make_ready(path, folder)
-    elif path.is_dir():
-        raise ArchiveError(f"{str(path)!r} cannot be written: it is a folder")
+    else:
+        refuse_folder(path)
     refuse_existing([path], force=force)
 
 
