@@ -19,7 +19,7 @@ from compare.phase.theory import Onset
 from experiment import Experiment, SetupError
 from experiment.archive.provenance import made_by
 
-__all__ = ["Plan", "plan_of", "sound_setup"]
+__all__ = ["Plan", "plan_of", "sound_setup", "thinned"]
 
 MOST_POINTS = 10_000_000
 
@@ -122,7 +122,7 @@ def plan_of(
     of_the_pile = key.split(".")[0] in {"mixture", "cell", "feed"}
     if "continuum" not in models or not plan.is_graded or not of_the_pile:
         return plan
-    return replace(plan, lines=_thinned(points // shape[0], lines))
+    return replace(plan, lines=thinned(points // shape[0], lines))
 
 
 def sound_setup(experiment: Experiment, axes: Iterable[Axis]) -> Experiment:
@@ -174,6 +174,6 @@ def _spread(shape: tuple[int, ...], count: int) -> tuple[int, ...]:
     return tuple(np.ravel_multi_index([g.ravel() for g in grid], shape).tolist())
 
 
-def _thinned(size: int, count: int) -> tuple[int, ...]:
+def thinned(size: int, count: int) -> tuple[int, ...]:
     """About `count` of so many places, the first and last among them."""
     return tuple(np.unique(np.linspace(0, size - 1, min(size, count)).round().astype(int)).tolist())

@@ -10,6 +10,7 @@ from rich.text import Text
 
 from compare.phase.boundary import LAYERED_FROM
 from compare.phase.patterns import PATTERNS, patterns
+from compare.phase.plan import thinned
 from compare.phase.theory import ONSET
 from compare.table import plain, with_error
 
@@ -71,12 +72,11 @@ def _counts(diagram: xr.Dataset, model: str, name: str) -> Counter[str]:
 
 
 def _rows(diagram: xr.Dataset) -> Iterator[tuple[str, ...]]:
-    """A row for each line across the first axis, or for MOST_ROWS of them, evenly spread."""
+    """A row for each line across the first axis, or for MOST_ROWS of them, as the spectrum has."""
     found = diagram[LAYERED_FROM]
     others = [dim for dim in found.dims if dim != "model"]
     sizes = [diagram.sizes[dim] for dim in others]
-    lines = int(np.prod(sizes))
-    for line in np.unique(np.linspace(0, lines - 1, min(lines, MOST_ROWS)).astype(int)):
+    for line in thinned(int(np.prod(sizes)), MOST_ROWS):
         at = dict(zip(others, np.unravel_index(line, sizes), strict=True)) if others else {}
         here = diagram.isel(at)
         fields = (name for name in here.coords if "field" in here[name].attrs)
