@@ -27,6 +27,8 @@ from distributed import (
     wait,
 )
 from distributed.client import ClosedClientError
+from distributed.comm.addressing import parse_address
+from distributed.comm.registry import get_backend
 from distributed.utils import LoopRunner
 
 from compare.campaign.jobs import (
@@ -162,10 +164,23 @@ def _reason(error: BaseException) -> str:
 
 async def _refuse_no_scheduler(address: str) -> None:
     arguments = Security().get_connection_args("client")
-    async with rpc(address, timeout=PATIENCE / 2, connection_args=arguments) as there:
-        who = await asyncio.wait_for(there.identity(), PATIENCE)
+    try:
+        async with rpc(address, timeout=PATIENCE / 2, connection_args=arguments) as there:
+            who = await asyncio.wait_for(there.identity(), PATIENCE)
+    except OSError as error:
+        if _reason(error):
+            raise
+        await _try_once(address, arguments)  # the last of the tries had no time to learn why
+        raise
     if who["type"] != "Scheduler":
         raise ValueError(f"it is that of a {who['type']}")
+
+
+async def _try_once(address: str, arguments: dict[str, Any]) -> None:
+    """Connect and part again. Raises OSError with the reason where that cannot be."""
+    scheme, place = parse_address(address)
+    connected = get_backend(scheme).get_connector().connect(place, deserialize=True, **arguments)
+    (await asyncio.wait_for(connected, PATIENCE)).abort()
 
 
 def _refuse_without_workers(client: Client, address: str) -> None:
