@@ -71,7 +71,7 @@ diagram/%: .venv/.run .venv/.kernels
 	@touch $@
 
 .venv/.test: .venv/.run
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable ".[cluster,photo,test,zarr]"
+	$(BIN)/pip install --quiet --constraint constraints.txt --editable ".[cluster,docs,explore,film,photo,test,zarr]"
 	@touch $@
 
 .venv/.bench: .venv/.test
@@ -86,7 +86,7 @@ diagram/%: .venv/.run .venv/.kernels
 # Newest versions that fit together; commit what it writes.
 lock:
 	rm -rf .venv && $(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --editable ".[bench,cluster,photo,test,zarr]"
+	$(BIN)/pip install --quiet --editable ".[bench,cluster,docs,explore,film,photo,test,zarr]"
 	$(BIN)/pip freeze --exclude-editable > constraints.txt
 
 clean:

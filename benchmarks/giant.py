@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 
 from ca_model.stream import pour_to_disk, read_section
-from compare.figure import draw_deposit, save, style
+from compare.pictures import draw_deposit, save, style
 from experiment import Experiment, load
 
 COLUMNS = 100_000

@@ -9,13 +9,12 @@ from compare.campaign import campaign
 from compare.convergence import converge
 from compare.deposit import layers, layers_of
 from compare.ensemble import draws, piles, piles_mean, predict
-from compare.figure import draw
 from compare.kymograph import cycle_period, fronts, kinks
 from compare.measurement import compare, measure
 from compare.phase import phase
+from compare.pictures import draw, draw_scaling
 from compare.regimes import regime
 from compare.scaling import fit_wavelength, over_inflow
-from compare.scaling_figure import draw_scaling
 
 __all__ = [
     "Strata",

@@ -20,7 +20,7 @@ class SetupError(StratifyError):
 
 
 class NotApplicableError(SetupError):
-    """The set-up is sound, but this model cannot pour it."""
+    """The set-up is sound, but this is not for it: a model, a measurement, a picture."""
 
 
 class ArchiveError(StratifyError):

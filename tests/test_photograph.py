@@ -13,8 +13,8 @@ from camera import BROWN_ON_WHITE, GREYS, RED_AND_GREEN, Shot, photograph
 from PIL import Image
 
 from compare.deposit import layers_of
-from compare.figure import draw_photograph
 from compare.photograph import View, measure_photograph, read_picture, see
+from compare.pictures import draw_photograph
 from compare.quantities import coarseness
 from experiment import PictureError, SetupError
 
@@ -179,7 +179,7 @@ def test_our_own_picture_of_a_deposit_can_be_measured(poured, tmp_path: Path) ->
     """`stratify show`'s deposit, the inside of its axes: the layers of the archive, within 3 %."""
     from matplotlib.figure import Figure
 
-    from compare.figure import draw_deposit, style
+    from compare.pictures import draw_deposit, style
 
     archive = poured("continuum", "glass-sugar")
     with style():

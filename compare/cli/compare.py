@@ -11,9 +11,9 @@ from compare.cli.inputs import archives_of
 from compare.cli.options import force_option, json_option, path_type
 from compare.cli.terminal import open_bars, open_console, progress_on, say
 from compare.ensemble import ranges
-from compare.figure import draw, save
 from compare.measurement import compare as compare_archives
 from compare.measurement import in_detail
+from compare.pictures import draw, save
 from compare.prediction import base, models_with_chance, with_piles, with_prediction
 from compare.table import as_records, table
 from experiment import Experiment

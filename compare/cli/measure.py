@@ -7,8 +7,8 @@ import click
 
 from compare.cli.options import force_option, json_option, path_type
 from compare.cli.terminal import open_console, say
-from compare.figure import draw_photograph, save
 from compare.photograph import View, measure_photograph
+from compare.pictures import draw_photograph, save
 from compare.table import layers_record, layers_table
 from experiment import PictureError, SetupError
 from experiment.archive.files import refuse_existing

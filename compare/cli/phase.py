@@ -10,12 +10,12 @@ from compare.cli.inputs import applicable, folder_of, load_setup
 from compare.cli.options import force_option, json_option, path_type, set_option
 from compare.cli.stopping import told_how_to_go_on
 from compare.cli.terminal import counting, open_console, say
-from compare.figure import save
 from compare.phase.axes import axes_of, varied
 from compare.phase.diagram import LINES, phase_to_file
 from compare.phase.figure import draw_phase
 from compare.phase.plan import plan_of, sound_setup
 from compare.phase.summary import failures, phase_record, phase_table
+from compare.pictures import save
 from experiment import SetupError
 from experiment.archive.files import refuse_existing
 

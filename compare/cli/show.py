@@ -6,7 +6,7 @@ import click
 
 from compare.cli.options import force_option, path_type
 from compare.cli.terminal import say
-from compare.figure import draw, save
+from compare.pictures import draw, save
 from experiment.archive import read
 from experiment.archive.files import refuse_existing
 from experiment.archive.places import beside

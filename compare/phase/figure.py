@@ -9,10 +9,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from compare.figure import MODEL_NAMES, style
 from compare.phase.axes import DRAW
 from compare.phase.patterns import PATTERNS, patterns
 from compare.phase.theory import ONSET, pure_slopes
+from compare.pictures.style import MODEL_NAMES, style
 from experiment.arrays import Floats, Ints
 
 if TYPE_CHECKING:

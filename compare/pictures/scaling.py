@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from compare.figure import MODEL_NAMES, style
+from compare.pictures.style import MARKS, MODEL_NAMES, style
 from compare.scaling import fit_wavelength
 
 if TYPE_CHECKING:
@@ -14,10 +14,6 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_scaling"]
 
-MARKS: dict[str, dict[str, Any]] = {
-    "ca_model": {"color": "#d55e00", "marker": "s"},
-    "continuum": {"color": "#0072b2", "marker": "o"},
-}
 THEORY: dict[str, Any] = {"color": "0.4", "linestyle": "--", "zorder": 0}
 BARS: dict[str, Any] = {"linestyle": "", "markersize": 4.5, "capsize": 2.5, "elinewidth": 1.0}
 
