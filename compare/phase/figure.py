@@ -44,6 +44,7 @@ EQUAL_SLOPES: dict[str, Any] = {"color": "black", "linestyle": "--", "linewidth"
 GROWTH: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 3, "linewidth": 1.4}
 BARS: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 3, "linestyle": ""}
 MARK: dict[str, Any] = {"boxstyle": "circle,pad=0.2", "facecolor": "white", "linewidth": 0.6}
+SAID_OF_PICTURES = "deposits let down to a level floor, source on their left; large grains bright"
 ACROSS = 4  # pictures
 BESIDE = (9, 9)  # points, the letter of a draw, so as not to hide it
 NARROWEST = 6.6  # inches, for two columns of the legend
@@ -201,6 +202,7 @@ def _draw_pictures(
     frames = np.ravel(part.subplots(rows, ACROSS, squeeze=False))
     for frame in frames:
         frame.set_axis_off()
+    part.supxlabel(SAID_OF_PICTURES, fontsize="small")
     over_two = "picture_y" in plane
     for frame, letter, k in zip(frames, ascii_lowercase, _pictures(plane, model), strict=False):
         picture = plane.isel(picture=k)
