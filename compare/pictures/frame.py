@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from compare.pictures.moment import Course, Moment
-from compare.pictures.stage import GAP, MARK, RIGHT, Pixels, set_stage
+from compare.pictures.stage import FEED, GAP, LARGE, MARK, RIGHT, Pixels, set_stage
 from compare.pictures.style import FRONT, KINK, style
 from compare.quantities import values_of
 from experiment.archive import experiment_of
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.artist import Artist
 
 __all__ = ["Frames"]
+
+BEYOND = 0.01  # of the length outside of the axes, so that nothing ends on their edge
 
 
 class Frames:
@@ -45,20 +47,22 @@ class Frames:
         self._canvas.restore_region(self._background)
         for artist in self._moving:
             self.stage.axes.draw_artist(artist)
-        return self._canvas.buffer_rgba()
+        frame: memoryview = self._canvas.buffer_rgba()
+        return frame
 
     def show(self, moment: Moment) -> None:
         """Put what moves to where it is at this moment."""
         left, right = self.stage.ends
-        x = np.array([left, *self.course.x, right])
+        beyond = BEYOND * (right - left)
+        x = np.array([left - beyond, *self.course.x, right + beyond])
         layers = self.stage.magnified * np.cumsum(moment.rolling[:, self._order], axis=1)
         surface = np.pad(moment.height, 1, "edge")
         levels = [surface, *(surface + np.pad(layer, 1, "edge") for layer in layers.T)]
         self.sky.set_xy(_between(x, surface, np.full(len(x), self.stage.top)))
         for band, lower, upper in zip(self.bands, levels[:-1], levels[1:], strict=True):
             band.set_xy(_between(x, lower, upper))
-        self._surface.set_data(x, surface)
-        self._rim.set_data(x, np.where(levels[-1] > surface, levels[-1], np.nan))
+        self._surface.set_data(x, np.where(levels[-1] > surface, surface, np.nan))
+        self._rim.set_data(x, levels[-1])
         self.kinks.set_data(*moment.kinks.T)
         self.fronts.set_data(*moment.fronts.T)
         if self._source is not None:
@@ -68,19 +72,21 @@ class Frames:
 
     def _draw_what_moves(self, order: Ints) -> None:
         """What each frame draws, from the back to the front."""
+        from matplotlib.markers import CARETDOWN
+
         axes, canvas = self.stage.axes, self.stage.canvas
         width, height = canvas.get_width_height()
         self._order = order
         self._decimals = max(0, round(3 - float(np.log10(self.course.records[-1]))))
         colours = ["w", *self.stage.colours[order]]
         self.sky, *self.bands = (axes.fill([0], [0], color=c, linewidth=0)[0] for c in colours)
-        [self._stream] = axes.plot([], [], color="0.5", linewidth=1.5)
+        [self._stream] = axes.plot([], [], **FEED)
         [self._surface] = axes.plot([], [], color="w", linewidth=1.2)
         [self._rim] = axes.plot([], [], color="0.25", linewidth=0.8)
-        [self.fronts] = axes.plot([], [], color=FRONT["color"], **MARK)
-        [self.kinks] = axes.plot([], [], color=KINK["color"], **MARK)
+        [self.fronts] = axes.plot([], [], color=FRONT["color"], marker=CARETDOWN, **MARK)
+        [self.kinks] = axes.plot([], [], color=KINK["color"], marker=CARETDOWN, **MARK)
         place = 1.0 - RIGHT / width, 1.0 - GAP / height
-        self._clock = canvas.figure.text(*place, "", ha="right", va="top", fontsize="large")
+        self._clock = canvas.figure.text(*place, "", ha="right", va="top", fontsize=LARGE)
         self._moving: list[Artist] = [
             self.sky,
             *self.bands,

@@ -11,6 +11,7 @@ import xarray as xr
 from compare.pictures.moment import Course
 from compare.pictures.style import FRONT, KINK, MODEL_NAMES, edges
 from compare.quantities import coarseness, scaled_diameter, settled_since, values_of
+from experiment.archive import experiment_of
 from experiment.arrays import Floats
 
 if TYPE_CHECKING:
@@ -19,16 +20,18 @@ if TYPE_CHECKING:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.legend import Legend
 
-__all__ = ["MARK", "Pixels", "Stage", "set_stage"]
+__all__ = ["FEED", "GAP", "LARGE", "MARK", "RIGHT", "Pixels", "Stage", "set_stage"]
 
 DPI = 110
+LARGE = 11  # points, of title and time
 LEFT, RIGHT, BOTTOM, TITLE, GAP = 62, 20, 50, 40, 10  # pixels around axes and legend
-FLATTEST, STEEPEST = 3.4, 0.5  # width to height of the axes
+FLATTEST, STEEPEST = 4.2, 0.5  # width to height of the axes
 NARROWEST = 0.66  # of the widest film
-BAND = 0.04  # of the axes' height, which the rolling layer should take
+BAND = 0.035  # of the pile's length and height, which the rolling layer should be seen to take
 MAGNIFIED = (1, 2, 3, 4, 5, 6, 8, 10, 15, 20)
 BEFORE_POURING: dict[str, Any] = {"color": "0.85", "linewidth": 0}
-MARK: dict[str, Any] = {"linestyle": "", "marker": 7, "markersize": 9, "markeredgecolor": "w"}
+FEED: dict[str, Any] = {"color": "0.5", "linewidth": 1.5}
+MARK: dict[str, Any] = {"linestyle": "", "markersize": 9, "markeredgecolor": "w"}
 
 
 class Pixels(NamedTuple):
@@ -54,7 +57,8 @@ def set_stage(archive: xr.Dataset, course: Course, most: Pixels) -> Stage:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    canvas = FigureCanvasAgg(Figure(dpi=DPI, layout="none"))
+    canvas = FigureCanvasAgg(Figure(dpi=DPI))
+    canvas.figure.set_layout_engine("none")
     axes = canvas.figure.add_axes((0.0, 0.0, 1.0, 1.0))
     magnified = _magnified(course)
     rolling = magnified * course.rolling.sum(axis=-1)
@@ -71,7 +75,8 @@ def set_stage(archive: xr.Dataset, course: Course, most: Pixels) -> Stage:
 def _magnified(course: Course) -> int:
     """So that the rolling layer is seen."""
     usual = float(np.quantile(course.rolling.sum(axis=-1), 0.99))
-    wanted = BAND * float(course.height.max()) / usual if usual > 0 else 1.0
+    extent = float(np.sqrt(np.ptp(course.x) * course.height.max()))
+    wanted = BAND * extent / usual if usual > 0 else 1.0
     return max(factor for factor in MAGNIFIED if factor <= max(wanted, 1.0))
 
 
@@ -112,10 +117,12 @@ def _meanings(stage: Stage, archive: xr.Dataset, course: Course) -> "list[Artist
     since = f"(from {settled_since(archive):.0f} s on)"
     lines = (course.has_kinks, "kink", KINK), (course.has_fronts, "avalanche front", FRONT)
     meanings += [
-        Line2D([], [], color=line["color"], label=f"{name} {since}", **MARK)
+        Line2D([], [], color=line["color"], label=f"{name} {since}", marker="v", **MARK)
         for there, name, line in lines
         if there
     ]
+    if experiment_of(archive).feed.source is not None:
+        meanings.append(Line2D([], [], label="feed", **FEED))
     if stage.magnified > 1:
         label = f"rolling layer drawn {stage.magnified} times as thick"
         meanings.append(Line2D([], [], linestyle="", label=label))
@@ -143,7 +150,9 @@ def _lay_out(stage: Stage, meanings: "list[Artist]", most: Pixels) -> None:
     legend.set_bbox_to_anchor((LEFT / width, (height - TITLE) / height))
 
 
-def _draw_legend(canvas: "FigureCanvasAgg", meanings: "list[Artist]", width: int) -> "tuple[Legend, float]":
+def _draw_legend(
+    canvas: "FigureCanvasAgg", meanings: "list[Artist]", width: int
+) -> "tuple[Legend, float]":
     """The legend, in as few rows as fit into `width` pixels, and how high [pixels] it is."""
     _resize(canvas, width, width)
     for columns in range(len(meanings), 0, -1):
@@ -162,9 +171,9 @@ def _draw_title(stage: Stage, archive: xr.Dataset) -> None:
     width, height = stage.canvas.get_width_height()
     text = f"{archive.attrs['title']} ({MODEL_NAMES[archive.attrs['model']]})"
     place = LEFT / width, 1.0 - GAP / height
-    title = stage.canvas.figure.text(*place, text, va="top", fontsize="large", parse_math=False)
+    title = stage.canvas.figure.text(*place, text, va="top", fontsize=LARGE, parse_math=False)
     taken = title.get_window_extent().width / (0.8 * width - LEFT)
-    title.set_fontsize(title.get_fontsize() / max(taken, 1.0))
+    title.set_fontsize(LARGE / max(taken, 1.0))
 
 
 def _resize(canvas: "FigureCanvasAgg", width: int, height: int) -> None:
