@@ -52,7 +52,7 @@ FORMATS = {
         0,
         ("-vf", BT709, "-c:v", "libx264", "-crf", "20", "-movflags", "+faststart"),
     ),
-    ".gif": Format(10, 12, Pixels(640, 480), SAMPLES, ("-filter_complex", PALETTE), 50.0),
+    ".gif": Format(10, 12, Pixels(640, 540), SAMPLES, ("-filter_complex", PALETTE), 50.0),
 }
 
 
@@ -130,6 +130,7 @@ def _ffmpeg(part: Path, size: Pixels, fps: float, kind: Format) -> Iterator[IO[b
         _, told = ffmpeg.communicate()
     finally:
         ffmpeg.kill()
-        ffmpeg.wait()
+        with suppress(BrokenPipeError):
+            ffmpeg.__exit__(None, None, None)
     if ffmpeg.returncode != 0:
         raise RuntimeError(f"ffmpeg: {told.decode(errors='replace')}")

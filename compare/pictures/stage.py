@@ -24,10 +24,11 @@ __all__ = ["FEED", "GAP", "LARGE", "MARK", "RIGHT", "Pixels", "Stage", "set_stag
 
 DPI = 110
 LARGE = 11  # points, of title and time
-LEFT, RIGHT, BOTTOM, TITLE, GAP = 62, 20, 50, 40, 10  # pixels around axes and legend
+LEFT, RIGHT, BOTTOM, TITLE, GAP = 72, 20, 50, 40, 10  # pixels around axes and legend
+CLOCK = 120  # pixels for the time
 FLATTEST, STEEPEST = 4.2, 0.5  # width to height of the axes
-NARROWEST = 0.66  # of the widest film
-BAND = 0.035  # of the pile's length and height, which the rolling layer should be seen to take
+NARROWEST = 0.8  # of the widest film
+BAND = 0.045  # of the pile's length and height, which the rolling layer should be seen to take
 MAGNIFIED = (1, 2, 3, 4, 5, 6, 8, 10, 15, 20)
 BEFORE_POURING: dict[str, Any] = {"color": "0.85", "linewidth": 0}
 FEED: dict[str, Any] = {"color": "0.5", "linewidth": 1.5}
@@ -124,7 +125,7 @@ def _meanings(stage: Stage, archive: xr.Dataset, course: Course) -> "list[Artist
     if experiment_of(archive).feed.source is not None:
         meanings.append(Line2D([], [], label="feed", **FEED))
     if stage.magnified > 1:
-        label = f"rolling layer drawn {stage.magnified} times as thick"
+        label = f"rolling layer: {stage.magnified} times as thick"
         meanings.append(Line2D([], [], linestyle="", label=label))
     return meanings
 
@@ -136,7 +137,7 @@ def _lay_out(stage: Stage, meanings: "list[Artist]", most: Pixels) -> None:
     natural = (stage.ends[1] - stage.ends[0]) / stage.top
     aspect = min(max(natural, STEEPEST), FLATTEST)
     if not np.isclose(natural, aspect, rtol=0.02):
-        label = f"heights drawn {natural / aspect:.2g} times as high"
+        label = f"heights: {natural / aspect:.2g} times as high"
         meanings = [*meanings, Line2D([], [], linestyle="", label=label)]
     free = Pixels(most.width - LEFT - RIGHT, most.height - BOTTOM - TITLE - 5 * GAP)
     high = min(free.width / aspect, free.height)
@@ -157,7 +158,12 @@ def _draw_legend(
     _resize(canvas, width, width)
     for columns in range(len(meanings), 0, -1):
         legend = canvas.figure.legend(
-            handles=meanings, ncols=columns, loc="upper left", borderaxespad=0, borderpad=0
+            handles=meanings,
+            ncols=columns,
+            loc="upper left",
+            borderaxespad=0.0,
+            borderpad=0.0,
+            columnspacing=1.5,
         )
         extent = legend.get_window_extent(canvas.get_renderer())
         if columns == 1 or extent.width <= width - LEFT - RIGHT:
@@ -172,7 +178,7 @@ def _draw_title(stage: Stage, archive: xr.Dataset) -> None:
     text = f"{archive.attrs['title']} ({MODEL_NAMES[archive.attrs['model']]})"
     place = LEFT / width, 1.0 - GAP / height
     title = stage.canvas.figure.text(*place, text, va="top", fontsize=LARGE, parse_math=False)
-    taken = title.get_window_extent().width / (0.8 * width - LEFT)
+    taken = title.get_window_extent().width / (width - LEFT - RIGHT - CLOCK)
     title.set_fontsize(LARGE / max(taken, 1.0))
 
 
