@@ -13,12 +13,13 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 import xarray as xr
+from click.testing import CliRunner
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
-from running import stratify
 
 import compare
 import continuum
+from compare.cli import cli
 from compare.pictures import film
 from compare.pictures.frame import Frames
 from compare.pictures.stage import Pixels
@@ -248,16 +249,16 @@ def test_what_cannot_be_filmed_says_so(
         compare.animate(short, path, force=True)
 
 
-def test_the_command_films_a_group_of_a_store(tmp_path: Path) -> None:
+def test_the_command_films_a_group_of_a_store(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    run = CliRunner().invoke
     settings = [f"--set={setting}" for setting in STRIPES]
-    pour = ("pour", "makse-stratification", "--model=continuum", *settings, "-o", "run.zarr")
-    assert stratify(*pour, folder=tmp_path).returncode == 0
-    command = ("animate", "run.zarr/continuum", "--seconds=1")
-    done = stratify(*command, folder=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[-1] == "wrote run.continuum.mp4"
-    assert (tmp_path / "run.continuum.mp4").stat().st_size > 0
-    again = stratify(*command, folder=tmp_path)
-    assert again.returncode == 2
-    assert again.stderr.count("\n") == 1
-    assert "--force" in again.stderr
+    pour = ["pour", "makse-stratification", "--model=continuum", *settings, "-o", "run.zarr"]
+    run(cli, pour, catch_exceptions=False)
+    command = ["animate", "run.zarr/continuum", "--seconds=1"]
+    done = run(cli, command, catch_exceptions=False)
+    assert done.output.splitlines()[-1] == "wrote run.continuum.mp4"
+    assert imageio_ffmpeg.count_frames_and_secs("run.continuum.mp4") == (25, 1.0)
+    assert isinstance(run(cli, command).exception, OutputExistsError)
