@@ -163,7 +163,8 @@ def _draw_legend(
             loc="upper left",
             borderaxespad=0.0,
             borderpad=0.0,
-            columnspacing=1.5,
+            columnspacing=1.0,
+            handlelength=1.4,
         )
         extent = legend.get_window_extent(canvas.get_renderer())
         if columns == 1 or extent.width <= width - LEFT - RIGHT:
