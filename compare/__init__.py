@@ -12,12 +12,13 @@ from compare.ensemble import draws, piles, piles_mean, predict
 from compare.kymograph import cycle_period, fronts, kinks
 from compare.measurement import compare, measure
 from compare.phase import phase
-from compare.pictures import draw, draw_scaling
+from compare.pictures import animate, draw, draw_scaling
 from compare.regimes import regime
 from compare.scaling import fit_wavelength, over_inflow
 
 __all__ = [
     "Strata",
+    "animate",
     "campaign",
     "compare",
     "converge",

@@ -11,6 +11,7 @@ __all__ = ["cli", "main"]
 
 BAD_INPUT = 2
 VERBS = [  # each a command in the module of its name
+    "animate",
     "compare",
     "converge",
     "measure",
