@@ -161,10 +161,10 @@ def test_a_part_of_the_pour_is_shown_from_its_start_to_its_end(
 @pytest.mark.parametrize("preset", ["ternary", "heap", "stockpile", "franks", "bcre"])
 def test_nothing_overlaps_in_any_cell(preset: str, poured: Callable[..., xr.Dataset]) -> None:
     model = "continuum" if preset == "bcre" else "ca_model"
-    archive = poured(model, preset, "pour.duration=20.0", "pour.records=40")
+    archive = poured(model, preset, "pour.duration=5.0", "pour.records=10")
     for most in (MOST, Pixels(640, 540)):
         frames = Frames(archive, most)
-        frames.at(10.0)
+        frames.at(2.5)
         axes, canvas = frames.stage.axes, frames.stage.canvas
         title, clock = (text.get_window_extent() for text in canvas.figure.texts)
         legend = canvas.figure.legends[0].get_window_extent()
