@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from compare.pictures.paper.look import LARGE, SMALL, WIDTH, letter
+from compare.pictures.paper.look import LARGE, SMALL, letter, page
 from compare.pictures.style import style
 from compare.quantities import named
 from continuum import law_of
@@ -82,12 +82,10 @@ def repose_angles(points: int = 101) -> xr.Dataset:
 
 def draw_repose_angles(found: xr.Dataset) -> "Figure":
     """Draw theta_1 and theta_2 against phi_2, for delta > 0 and delta < 0 side by side."""
-    from matplotlib.figure import Figure
-
     slopes = found["repose_slope"].values
     heights = slopes.min() - MARGIN[0], slopes.max() + MARGIN[1]
     with style():
-        figure = Figure(figsize=(WIDTH, 3.6))
+        figure = page(3.6)
         panels = figure.subplots(1, 2)
         for axes, k in zip(panels, found["mixture"].values, strict=True):
             _draw_lines(axes, found.isel(mixture=k), heights)

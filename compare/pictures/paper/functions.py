@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from compare.pictures.paper.look import THIN, WIDTH, letter
+from compare.pictures.paper.look import THIN, letter, page
 from compare.pictures.style import style
 from compare.quantities import named
 from continuum import Law, law_of
@@ -90,10 +90,8 @@ def _functions(surface: Floats, slope: Floats, law: Law) -> tuple[Floats, Floats
 
 def draw_collision_functions(found: xr.Dataset) -> "Figure":
     """Draw the functions of either species against theta: sharp ones thick, smooth ones thin."""
-    from matplotlib.figure import Figure
-
     with style():
-        figure = Figure(figsize=(WIDTH, 3.2))
+        figure = page(3.2)
         panels = figure.subplots(1, 2, sharex=True, sharey=True)
         for axes, k in zip(panels, found["species"].values, strict=True):
             _draw(axes, found.isel(species=k), int(k) + 1)
@@ -110,7 +108,8 @@ def _draw(axes: "Axes", found: xr.Dataset, species: int) -> None:
         axes.plot(theta, sharp, color=colour, linewidth=2.0, label=label)
         axes.plot(theta, smooth, color=colour, **THIN)
     axes.axvline(repose, ymax=0.62, color="0.7", linewidth=0.8, zorder=0)
-    axes.text(repose, 0.63, rf"$\theta_{species}$", transform=axes.get_xaxis_transform(), ha="center")
+    across = axes.get_xaxis_transform()
+    axes.text(repose, 0.63, rf"$\theta_{species}$", transform=across, ha="center")
     axes.set(xlabel=r"slope of the pile, $\theta$ (tangent)", xlim=(theta[0], theta[-1]))
     axes.set_ylim(bottom=0)
     axes.legend(loc="upper center")

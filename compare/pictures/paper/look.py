@@ -6,13 +6,22 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-__all__ = ["LARGE", "SMALL", "THIN", "WIDTH", "letter"]
+__all__ = ["LARGE", "SMALL", "THIN", "letter", "page"]
 
 WIDTH = 7.2  # inches, of a page
+DOTS = 150  # an inch, where a figure is made of them
 SMALL: dict[str, Any] = {"color": "#0072b2"}
 LARGE: dict[str, Any] = {"color": "#d55e00"}
 THIN: dict[str, Any] = {"linewidth": 0.8, "linestyle": "--"}
+
+
+def page(height: float) -> "Figure":
+    """A figure as wide as a page and so high [inches]."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(WIDTH, height), dpi=DOTS)
 
 
 def letter(panels: Iterable["Axes"], titles: Iterable[str]) -> None:

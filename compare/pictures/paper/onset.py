@@ -20,7 +20,7 @@ import xarray as xr
 import continuum
 from compare.accessor import Strata
 from compare.pictures.moment import Course
-from compare.pictures.paper.look import LARGE, SMALL, WIDTH, letter
+from compare.pictures.paper.look import LARGE, SMALL, letter, page
 from compare.pictures.style import edges, style
 from compare.quantities import coarseness, named
 from experiment import Experiment, load
@@ -33,15 +33,16 @@ if TYPE_CHECKING:
 __all__ = ["PRESETS", "draw_onset", "onset"]
 
 PRESETS = ("makse-stratification", "makse-segregation")  # delta > 0, delta < 0
-ALIKE = {"cell.start_slope": 0.75, "mixture.surface_depth": 0.5, "pour.records": 740}
+ALIKE = {"cell.start_slope": 0.75, "mixture.surface_depth": 0.5, "pour.records": 800}
+WATCHED = 1600.0  # s, for kinks
 STAGES = {  # s, and what is seen for delta > 0 and for delta < 0
-    180.0: ("large grains are caught, from the foot upwards", "large grains are caught likewise"),
-    260.0: ("they climb over small ones: a first kink", "they are caught on small ones, too, but"),
-    400.0: ("others roll over them, farther down", "no higher: small ones come over them"),
-    710.0: ("a kink of both species climbs", "the patch recedes"),
-    1480.0: ("layers, one a kink", "segregation stays"),
+    180.0: ("large grains come to rest at the foot", "large grains come to rest at the foot"),
+    260.0: ("they climb on small ones: a first kink", "a patch of them lies on small ones"),
+    400.0: ("grains that arrive now roll over it", "the patch climbs no higher"),
+    710.0: ("a kink of both species climbs", "small ones cover it: it recedes"),
+    1480.0: ("each kink lays a pair of layers", "segregation stays"),
 }
-HEIGHTS = np.arange(0.05, 30.0, 0.1)  # cm
+HEIGHTS = np.arange(0.05, 33.0, 0.1)  # cm
 THICKER = 2.0  # times, rolling grains are drawn
 SAID: dict[str, Any] = {"ha": "right", "va": "top", "fontsize": "small"}
 POINTING: dict[str, Any] = {"arrowprops": {"arrowstyle": "->"}, "fontsize": "small"}
@@ -69,7 +70,7 @@ def _course(setup: Experiment) -> xr.Dataset:
     """The instants of a pour, each poured anew, so that nothing seen then was taken up later."""
     shorter = [setup.with_values({"pour.duration": t, "pour.records": 2}) for t in STAGES]
     instants = xr.concat([_end(continuum.pour(pour)) for pour in shorter], "time")
-    whole = continuum.pour(setup.with_values({"pour.duration": max(STAGES)}))
+    whole = continuum.pour(setup.with_values({"pour.duration": WATCHED}))
     strata: Strata = whole.strata
     velocity = strata.kinks()["velocity"].values
     course = Course(whole)
@@ -87,10 +88,11 @@ def _end(archive: xr.Dataset) -> xr.Dataset:
     """What there is at the end of a pour, heights from the slope before it."""
     last = archive.isel(time=-1)
     base, z = last["base_height"].values, last["z"].values
-    deposit = coarseness(last["deposit_fraction"], last).transpose("x", "z").values
+    deposit = coarseness(last["deposit_fraction"], last).transpose("z", "x").values
     height = last["height"].values - base
-    columns = [np.interp(HEIGHTS + low, z, of) for low, of in zip(base, deposit, strict=True)]
-    coarse = np.where(HEIGHTS[:, None] < height, np.stack(columns, axis=-1), np.nan)
+    bins = np.rint((HEIGHTS[:, None] + base - z[0]) / (z[1] - z[0])).astype(int)
+    there = np.take_along_axis(deposit, bins.clip(max=len(z) - 1), axis=0)
+    coarse = np.where(HEIGHTS[:, None] < height, there, np.nan)
     from_base = named("height above the slope before pouring", "cm")
     return xr.Dataset(
         {
@@ -104,16 +106,14 @@ def _end(archive: xr.Dataset) -> xr.Dataset:
 
 def draw_onset(found: xr.Dataset) -> "Figure":
     """Draw the two mixtures in two columns, time downwards: the pile and what rolls on it."""
-    from matplotlib.figure import Figure
-
     with style():
-        figure = Figure(figsize=(WIDTH, 6.6))
+        figure = page(6.6)
         panels = figure.subplots(len(STAGES), len(PRESETS), sharex=True, sharey=True)
         for row, (time, said) in zip(panels, STAGES.items(), strict=True):
             for k, axes in enumerate(row):
                 _draw(axes, found.sel(time=time).isel(mixture=k))
-                axes.text(0.99, 0.88, said[k], transform=axes.transAxes, **SAID)
-            row[0].text(0.99, 0.68, f"t = {time:g} s", transform=row[0].transAxes, **SAID)
+                axes.text(0.99, 0.97, said[k], transform=axes.transAxes, **SAID)
+            row[0].text(0.99, 0.79, f"t = {time:g} s", transform=row[0].transAxes, **SAID)
         letter(panels[0], (rf"$\delta = {delta:+g}$" for delta in found["delta"].values))
         for axes in panels[-1]:
             axes.set_xlabel("x (cm)")
@@ -133,8 +133,8 @@ def _draw(axes: "Axes", at: xr.Dataset) -> None:
     kink = float(at["kink"])
     if np.isfinite(kink):
         top = float(np.interp(kink, x, height))
-        axes.annotate("kink", (kink, top + 0.5), xytext=(kink + 12, top + 6), **POINTING)
-    axes.set(xlim=(0, 100), ylim=(0, HEIGHTS[-1]))
+        axes.annotate("kink", (kink, top + 0.5), xytext=(kink + 10, top + 3.5), **POINTING)
+    axes.set(xlim=extent[:2], ylim=extent[2:])
 
 
 def _patches() -> list["Patch"]:

@@ -21,7 +21,7 @@ import xarray as xr
 from scipy.integrate import cumulative_simpson
 
 import continuum
-from compare.pictures.paper.look import LARGE, SMALL, THIN, WIDTH, letter
+from compare.pictures.paper.look import LARGE, SMALL, THIN, letter, page
 from compare.pictures.style import style
 from compare.quantities import named
 from continuum.theory import SimplifiedSteadyState, SteadyState, steady_state_of
@@ -122,10 +122,8 @@ def _solved(last: xr.Dataset) -> dict[str, Variable]:
 
 def draw_profiles(found: xr.Dataset) -> "Figure":
     """Rolling grains, composition, pile and slope: closed forms as lines, the solver as circles."""
-    from matplotlib.figure import Figure
-
     with style():
-        figure = Figure(figsize=(WIDTH, 5.2))
+        figure = page(5.2)
         panels = figure.subplots(2, 2, sharex=True).ravel()
         for axes, (name, label) in zip(panels, LABELS.items(), strict=True):
             _draw(axes, found, name)
