@@ -200,6 +200,7 @@ def test_the_command_writes_what_is_drawn_when_told(tmp_path: Path, figure: Comm
     assert figure("angles", "-o", tmp_path, "--data") == (0, "")
     with xr.open_dataset(tmp_path / "angles.nc") as data:
         xr.testing.assert_allclose(data.load(), repose_angles())
+        assert data.attrs["Conventions"] == "CF-1.11"
         assert all("long_name" in data[name].attrs for name in data.variables)
 
 

@@ -10,6 +10,8 @@ from compare.cli.terminal import open_bars, progress_on, say
 from compare.pictures import save
 from compare.pictures.paper import FIGURES
 from experiment.archive.files import refuse_existing, whole_file
+from experiment.archive.layout import CONVENTIONS, REFERENCES, history
+from experiment.archive.provenance import made_by
 from experiment.archive.storage import write_whole
 
 __all__ = ["figure"]
@@ -22,7 +24,7 @@ __all__ = ["figure"]
     "--output",
     "folder",
     type=path_type,
-    default=Path("figures"),
+    default=Path("pours/figures"),
     show_default=True,
     metavar="FOLDER",
 )
@@ -47,7 +49,16 @@ def figure(name: str, folder: Path, with_data: bool, force: bool) -> None:
         parts = {e: stack.enter_context(whole_file(p, force=force)) for e, p in paths.items()}
         for ending, part in parts.items():
             if ending == ".nc":
-                write_whole(data, part, force=True)
+                write_whole(data.assign_attrs(_made()), part, force=True)
             else:
                 save(drawn, part, force=True)
     say(f"wrote {', '.join(map(str, paths.values()))}")
+
+
+def _made() -> dict[str, str]:
+    return {
+        "Conventions": CONVENTIONS,
+        "source": made_by(),
+        "references": REFERENCES,
+        "history": history("drawn"),
+    }

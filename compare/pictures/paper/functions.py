@@ -107,9 +107,10 @@ def _draw(axes: "Axes", found: xr.Dataset, species: int) -> None:
         label = rf"${symbol}_{species}$, {name.replace('_', '-')}"
         axes.plot(theta, sharp, color=colour, linewidth=2.0, label=label)
         axes.plot(theta, smooth, color=colour, **THIN)
-    axes.axvline(repose, ymax=0.62, color="0.7", linewidth=0.8, zorder=0)
+    axes.plot([], [], color="0.4", **THIN, label=f"smoothing {float(found['smoothing'][1]):g}")
+    axes.axvline(repose, ymax=0.55, color="0.7", linewidth=0.8, zorder=0)
     across = axes.get_xaxis_transform()
-    axes.text(repose, 0.63, rf"$\theta_{species}$", transform=across, ha="center")
+    axes.text(repose, 0.56, rf"$\theta_{species}$", transform=across, ha="center")
     axes.set(xlabel=r"slope of the pile, $\theta$ (tangent)", xlim=(theta[0], theta[-1]))
     axes.set_ylim(bottom=0)
     axes.legend(loc="upper center")
