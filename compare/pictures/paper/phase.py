@@ -17,7 +17,7 @@ It is 0 for equal grains and has no free number: 0.22 for q = 2, 0.3 for q = 2.7
 where 0.1 to 0.3 was measured (glass and sugar). The mean diameter stays 0.1 cm.
 
 Near q = 1 the collision functions bend over more than psi (Fig. `functions`). Their `smoothing` is
-that of preset `canonical`, 0.1, which is psi for q = 1.33. How strong segregation is, is a matter
+that of preset `canonical`, 0.1, which is psi for q = 1.32. How strong segregation is, is a matter
 of degree: its order parameter is the shade, and 0.5, from which on it counts as strong, a line.
 """
 
