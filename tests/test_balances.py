@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
-from synthetic import archive_of, calm, stripes
+from compare.validation.drawn import archive_of, calm, stripes
 
 from compare import measure
 from compare.balances import Measured, balances, unbalanced, volume_residual

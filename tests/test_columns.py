@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy
 import xarray as xr
-from synthetic import archive_of, calm, stripes
+from compare.validation.drawn import archive_of, calm, stripes
 
 from compare import layers, layers_of
 from compare.deposit import settled_coarseness

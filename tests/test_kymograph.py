@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 import xarray as xr
-from synthetic import COLUMNS, DRIFT, LENGTH, PERIOD, archive_of, calm, wedges
+from compare.validation.drawn import COLUMNS, DRIFT, LENGTH, PERIOD, archive_of, calm, wedges
 
 from compare import cycle_period, fronts, kinks
 from compare.kymograph import kinks_and_fronts, mean_velocity, median_and_error

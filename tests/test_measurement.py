@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import xarray as xr
-from synthetic import archive_of, calm, stripes
+from compare.validation.drawn import archive_of, calm, stripes
 
 from compare import compare, draw, fronts, kinks, layers, measure
 from compare.quantities import settled_thickness, total_inflow

@@ -6,9 +6,11 @@ from typing import NamedTuple
 
 import xarray as xr
 
-__all__ = ["ROUND_OFF", "Check", "Checks", "Poured", "Subject"]
+__all__ = ["POWER", "ROUND_OFF", "SCHEME", "Check", "Checks", "Poured", "Subject"]
 
 ROUND_OFF = 1e-12  # relative, of sums over a whole pour
+SCHEME = "formal order of the scheme"
+POWER = "departure from a pure power of dx"
 
 Poured = Callable[..., xr.Dataset]  # the archive of (model, preset, *settings)
 

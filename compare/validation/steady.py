@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from compare.quantities import cell_length, cell_width, total_inflow, values_of
-from compare.validation.check import ROUND_OFF, Check, Checks, Poured
+from compare.validation.check import POWER, ROUND_OFF, SCHEME, Check, Checks, Poured
 from continuum import law_of
 from continuum.law import interaction
 from continuum.theory import (
@@ -25,6 +25,7 @@ __all__ = [
     "drum_errors",
     "exponents",
     "minimal_model",
+    "mixing_length",
     "one_species",
     "orders_of",
     "profile",
@@ -46,7 +47,6 @@ BY_HAND = {  # worked out from the paper's equations apart from this code, to fo
     "phi_1(25 cm)": 0.0034,
 }
 FOURTH_DIGIT = 5e-5
-GRIDS = "the three grids' departure from a pure power of dx"
 
 
 def profile(poured: Poured) -> Checks:
@@ -78,6 +78,15 @@ def profile(poured: Poured) -> Checks:
         3e-9,
         "what is left of the transient",
     )
+    yield Check(
+        "poured: mixing length r = v / (gamma psi), from ln(R_1 / R_2), 300 cells",
+        SECTION_III,
+        state.mixing_length,
+        mixing_length(last),
+        1e-4,
+        "O(dx^2)",
+        "cm",
+    )
     for scheme, order, allowed, limit in (("godunov", 1.0, 0.12, 1e-3), ("muscl", 2.0, 0.25, 4e-5)):
         settings = [(f"continuum.cells={n}", f"continuum.scheme={scheme}") for n in CELLS]
         errors = [
@@ -89,11 +98,11 @@ def profile(poured: Poured) -> Checks:
         for (coarse, fine), found in zip(pairwise(CELLS), orders_of(errors), strict=True):
             yield Check(
                 f"{what}, order from {coarse} to {fine} cells",
-                "order of the scheme",
+                SCHEME,
                 order,
                 found,
                 allowed,
-                GRIDS,
+                POWER,
             )
 
 
@@ -134,6 +143,14 @@ def rolling_error(last: xr.Dataset, state: SteadyState) -> float:
     edges = values_of(last, "x") + cell_width(last) / 2
     error = values_of(last, "rolling_thickness") - state.rolling_thickness(edges)
     return float(np.abs(error).max()) / state.total_inflow
+
+
+def mixing_length(last: xr.Dataset) -> float:
+    """The r [cm] of R_1 / R_2 ~ exp(-x / r), from 15 to 25 cm."""
+    edges = values_of(last, "x") + cell_width(last) / 2
+    below = (edges > PLACES[0]) & (edges < PLACES[-1])
+    small, large = values_of(last, "rolling_thickness")[below].T
+    return -1.0 / float(np.polyfit(edges[below], np.log(small / large), 1)[0])
 
 
 def slope_error(last: xr.Dataset) -> float:
