@@ -5,10 +5,8 @@ import pytest
 import xarray as xr
 
 from compare.deposit import layers_of
-from compare.validation.drawn import DEPOSIT_COLUMNS as COLUMNS
-from compare.validation.drawn import DZ, Field, deposit_of, parallel
 from compare.validation.drawn import LENGTH as WIDTH
-
+from compare.validation.drawn import Field, deposit_of, parallel
 
 
 def renewed(mean: float, scatter: float, seed: int) -> Field:
@@ -202,7 +200,9 @@ def test_irregular_cycles_give_their_mean_or_say_that_the_estimators_differ(scat
 
 
 def test_two_wavelengths_that_have_no_common_one_are_not_told_as_their_multiple() -> None:
-    found = layers_of(deposit_of(lambda above, x: above / np.where(x < 50, 1.0, 1.5), thickness=20.0))
+    found = layers_of(
+        deposit_of(lambda above, x: above / np.where(x < 50, 1.0, 1.5), thickness=20.0)
+    )
     assert 1.0 <= number(found, "wavelength") <= 1.55
     assert number(found, "wavelength_upper") == pytest.approx(1.0, rel=0.03)
     assert number(found, "wavelength_lower") == pytest.approx(1.5, rel=0.03)
@@ -242,7 +242,9 @@ def test_thin_sublayers_and_coarse_cells_are_remarked() -> None:
 def test_errors_of_inclination_and_of_what_lies_across_follow_from_the_deposit() -> None:
     """Layers that fan out are not of one slope: the error grows, and that across with it."""
     straight = layers_of(deposit_of(parallel(1.2), noise=0.2))
-    fanned = layers_of(deposit_of(lambda above, x: (above + 0.0008 * (x - 50) ** 2) / 1.2, noise=0.2))
+    fanned = layers_of(
+        deposit_of(lambda above, x: (above + 0.0008 * (x - 50) ** 2) / 1.2, noise=0.2)
+    )
     assert number(straight, "inclination_error") < 0.004
     assert 0.005 < number(fanned, "inclination_error") < 0.05
     for found in (straight, fanned):

@@ -1,6 +1,7 @@
 """`stratify validate`: hold the models against everything that is known on paper."""
 
 import json
+import sys
 from pathlib import Path
 
 import click
@@ -59,6 +60,6 @@ def validate(only: tuple[str, ...], path: Path | None, as_json: bool, force: boo
         click.echo(json.dumps(record(found, by), indent=2))
     else:
         console.print(table(found))
-        say(f"{tally(found)}")
+        say(tally(found))
     if not record(found, by)["holds"]:
-        raise click.exceptions.Exit(DOES_NOT_HOLD)
+        sys.exit(DOES_NOT_HOLD)

@@ -89,7 +89,7 @@ def growth(rolling: Field, time: Floats, x: Floats) -> Floats:
     fine = np.arange(time[0], time[-1], PERIOD / 97)
     flowing = np.cumsum(rolling(fine[:, None], x) > 0, axis=0) / len(fine)
     grown = flowing / np.maximum(flowing[-1], 1e-9) * 0.01 * time[-1]
-    return grown[np.searchsorted(fine, time).clip(max=len(fine) - 1)]
+    return np.asarray(grown[np.searchsorted(fine, time).clip(max=len(fine) - 1)])
 
 
 def wedges(

@@ -47,9 +47,7 @@ def _noisy(seed: int) -> xr.Dataset:
     return archive_of(wedges(FRONT, KINK), noise=NOISE, times=time, seed=seed)
 
 
-def _mean_of(
-    what: str, expected: float, found: Sequence[tuple[float, float]], unit: str
-) -> Check:
+def _mean_of(what: str, expected: float, found: Sequence[tuple[float, float]], unit: str) -> Check:
     """The mean of numbers and their errors, one of each drawing."""
     values, errors = np.transpose(found)
     bound = 3 * float(np.sqrt(np.sum(errors**2))) / len(found)

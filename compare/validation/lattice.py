@@ -31,6 +31,7 @@ __all__ = [
     "checkpoints",
     "grains_missing",
     "kernels",
+    "kernels_agree",
     "patterns",
     "poured_by_reference",
     "poured_on",
@@ -43,7 +44,9 @@ PILES = 8
 REFERENCE = "docs/lattice-rule.md, in plain Python (ca_model.reference)"
 RULE = "Makse, Cizeau and Stanley's rule"
 BALANCE = "conservation of volume over a cycle"
-STOPPABLE = {  # model: how a pour begins, preset, settings
+STOPPABLE: dict[
+    str, tuple[Begin, str, tuple[str, ...]]
+] = {  # model: how a pour begins, preset, settings
     "ca_model": (
         ca_model.begin,
         "lattice-stratification",
@@ -209,15 +212,13 @@ def patterns(poured: Poured) -> Checks:
     """The lattice stratifies and segregates, and its volume is accounted for."""
     layered = poured("ca_model", "lattice-stratification")
     parted = poured("ca_model", "lattice-segregation")
-    for name, archive, expected in (
-        ("lattice-stratification", layered, "stratified"),
-        ("lattice-segregation", parted, "segregated"),
+    for name, archive, sign, expected in (
+        ("lattice-stratification", layered, "+1", "stratified"),
+        ("lattice-segregation", parted, "-1", "segregated"),
     ):
         found = measure(archive)["regime"].item()
-        yield Check(f"{name}: regime", f"{RULE}, s_22 - s_11 = +1 or -1", expected, str(found))
-    yield Check(
-        "lattice-segregation: kinks", RULE, 0.0, float(kinks(parted).sizes["event"])
-    )
+        yield Check(f"{name}: regime", f"{RULE}: s_22 - s_11 = {sign}", expected, str(found))
+    yield Check("lattice-segregation: kinks", RULE, 0.0, float(kinks(parted).sizes["event"]))
     yield Check(
         "largest part of a species unaccounted for",
         "conservation of each species",

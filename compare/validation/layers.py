@@ -1,5 +1,6 @@
 """Layers and zones of the continuum: convergence, the balance of volume, what delta decides."""
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -41,7 +42,7 @@ KEPT = ("makse-profile", "makse-stratification", "makse-segregation", "glass-sug
 
 
 def prototype(poured: Poured) -> Checks:
-    """What a program written before this one found, with errors as large as this one's."""
+    """What a program written before this one found on the same grids, to first order."""
     for name, (settings, expected) in PROTOTYPE_FOUND.items():
         found = measure(poured("continuum", LAYERED, *LONG, *settings))
         for quantity, value in zip(QUANTITIES, expected, strict=True):
@@ -51,16 +52,17 @@ def prototype(poured: Poured) -> Checks:
                 value,
                 float(found[quantity]),
                 3 * float(np.hypot(found[f"{quantity}_error"], value / 200)),
-                "three errors: standard error, and 0.5 % of the prototype's",
+                "three errors: the standard one here, 0.5 % of the prototype's",
                 UNITS[quantity],
             )
 
 
 def refinement(poured: Poured) -> Checks:
-    """Whether numbers as dx goes to 0 are within their error bars.
+    """Whether numbers as dx goes to 0 are within the error bars that `stratify converge` tells.
 
     What coarse grids foretell, against a finer one; and what the first-order scheme tends to,
-    against the second-order one: it need not be there yet, for its upwind slope adds dx / 2 to l.
+    against the second-order one. It need not be there yet, and its bar may be too short, for its
+    upwind slope adds dx / 2 to the curvature length l, which is 0.1 cm: cite `muscl`.
     """
     foretold, limit, of_godunov = (
         converge([poured("continuum", LAYERED, *LONG, *_grid(scheme, n)) for n in cells])
@@ -79,13 +81,13 @@ def refinement(poured: Poured) -> Checks:
             UNITS[name],
         )
     for name in QUANTITIES:
-        errors = [float(one[f"{name}_extrapolated_error"]) for one in (limit, of_godunov)]
+        bars = (float(one[f"{name}_extrapolated_error"]) for one in (limit, of_godunov))
         yield Check(
             f"{LAYERED}, godunov: {READ_AS[name]} as dx -> 0 from 200, 400, 800 cells",
             "muscl as dx -> 0 from the same cells",
             float(limit[f"{name}_extrapolated"]),
             float(of_godunov[f"{name}_extrapolated"]),
-            float(np.hypot(*errors)),
+            math.hypot(*bars),
             "error bars of both extrapolations",
             UNITS[name],
             observed=True,
@@ -98,7 +100,10 @@ def _grid(scheme: str, cells: int) -> tuple[str, ...]:
 
 
 def stratification(poured: Poured) -> Checks:
-    """Mixtures with delta > 0 lay layers, as thick as the balance of volume says."""
+    """Mixtures with delta > 0 lay layers, as thick as volume demands: R0 v T / L.
+
+    The wavelength is that of the deposit's spectrum, the period T that of kinks in the kymograph.
+    """
     for preset in STRATIFIES:
         found = measure(poured("continuum", preset))
         yield Check(f"{preset}: regime", f"{SECTION_V}: delta > 0", "stratified", _regime(found))
@@ -123,7 +128,7 @@ def balance(name: str, found: xr.Dataset, grain: float = 0.0) -> Checks:
 
 
 def segregation(poured: Poured) -> Checks:
-    """Mixtures with delta < 0 part."""
+    """Mixtures with delta < 0 part: small grains above, large ones below, and no kinks."""
     archive = poured("continuum", "makse-segregation")
     source = f"{SECTION_V}: delta < 0"
     upper, lower = ends(archive)

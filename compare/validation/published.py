@@ -16,7 +16,7 @@ from compare.validation.check import Check, Checks, Poured
 from compare.validation.steady import mixing_length
 from continuum.theory import wavelength_of_kink
 
-__all__ = ["experiments", "numerical_runs"]
+__all__ = ["experiments", "numerical_runs", "top_of_a_pair"]
 
 PICTURES = "Makse group, Pictures of Stratification (Nature 386, 379)"
 PRE_58 = "Makse et al., PRE 58, 3357, abstract"
@@ -27,12 +27,16 @@ FEEDS = {  # R0, cm; on the lattice a cycle lays two unlike pairs of layers wher
     "continuum": (0.1, 0.2, 0.4, 0.8),
 }
 POURED = 45.0  # R0 times the duration, cm s
-NO_MODEL = "as read; its error is not told"
+NOT_TOLD = "as read; its error is not told"
 AS_SAID = "as said"
 
 
 def experiments(poured: Poured) -> Checks:
-    """Glass beads and sugar, and three species."""
+    """Glass beads and sugar, and three species, poured with what was measured of them.
+
+    Kinks were seen to climb as fast as grains roll. In the models they climb by exchange, at some
+    part of gamma R0, and fronts are slower than grains.
+    """
     for model in MODELS:
         archive = poured(model, "glass-sugar")
         found = measure(archive)
@@ -42,7 +46,7 @@ def experiments(poured: Poured) -> Checks:
             1.2,
             float(found["wavelength"]),
             0.05,
-            NO_MODEL,
+            NOT_TOLD,
             "cm",
             observed=True,
         )
@@ -52,7 +56,7 @@ def experiments(poured: Poured) -> Checks:
             1.0,
             float(found["kink_velocity_scaled"]),
             0.1,
-            NO_MODEL,
+            NOT_TOLD,
             observed=True,
         )
         yield Check(
@@ -115,12 +119,12 @@ def linearity(poured: Poured, model: str) -> Check:
     line = fit(np.array(feeds), wavelengths, errors)
     left = np.abs(np.polynomial.polynomial.polyval(feeds, line.values) / wavelengths - 1)
     return Check(
-        f"{model}, glass-sugar: departure of the wavelength from a line, R0 = {feeds[0]} to {feeds[-1]} cm",
+        f"{model}, glass-sugar: wavelength off a line in R0, {feeds[0]} to {feeds[-1]} cm",
         f"{PRE_58}: wavelength linear in the flow",
         0.0,
         float(left.max()),
-        0.05,
-        NO_MODEL,
+        3 * float((errors / wavelengths).max()),
+        "three standard errors, of the least certain",
         observed=True,
     )
 
@@ -147,7 +151,11 @@ def triplet(archive: xr.Dataset) -> str:
 
 
 def numerical_runs(poured: Poured) -> Checks:
-    """Section V's two runs and section IV's first kink, where the paper gives no number."""
+    """What the paper says of its own numerical runs, in words; it gives neither L, nor d, nor l.
+
+    With its thin surface layer (d = 0.1 cm) `makse-segregation` keeps weak layers where the species
+    meet, over a third of the slope; with d = 0.5 cm they are gone (continuum.segregation).
+    """
     for delta, preset, expected in (
         (0.25, "makse-stratification", "stratified"),
         (-0.1, "makse-segregation", "segregated"),

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 from collections.abc import Sequence
 from datetime import UTC, datetime
+from inspect import cleandoc
 from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple
@@ -15,7 +16,7 @@ from rich.table import Table
 
 from compare.table import plain
 from compare.validation.check import Check
-from compare.validation.subjects import GROUPS, Finding
+from compare.validation.subjects import GROUPS, SUBJECTS, Finding
 from experiment.archive.provenance import made_by
 
 __all__ = ["Made", "made", "page", "record", "table", "tally"]
@@ -61,14 +62,14 @@ def tally(found: Sequence[Finding]) -> str:
 
 
 def table(found: Sequence[Finding]) -> Table:
-    """A row for each check, below its subject."""
-    sheet = Table(*COLUMNS[:6], "")
+    """A row for each check, and its source below it."""
+    sheet = Table("what, and source", *COLUMNS[2:6], "")
     for subject, findings in groupby(found, lambda finding: finding.subject):
         sheet.add_section()
         sheet.add_row(f"[bold]{subject}[/bold]")
         for finding in findings:
             what, source, *numbers, _, verdict = _row(finding.check)
-            sheet.add_row(escape(what), escape(source), *numbers, verdict)
+            sheet.add_row(f"{escape(what)}\n  [dim]{escape(source)}[/dim]", *numbers, verdict)
     return sheet
 
 
@@ -94,16 +95,28 @@ def page(found: Sequence[Finding], by: Made) -> str:
         f"{by.processor}.",
         f"**{tally(found)}.**",
         INTRODUCTION,
+        *_beyond(found),
     ]
     for group, findings in groupby(found, lambda finding: finding.group):
         parts.append(f"## {GROUPS[group]}")
         parts += [OBSERVED] if group == "published" else []
         for subject, of_subject in groupby(findings, lambda finding: finding.subject):
-            parts.append(f"### {subject}")
             rows = [COLUMNS, ("---",) * len(COLUMNS)]
             rows += [tuple(map(_cell, _row(finding.check))) for finding in of_subject]
-            parts.append("\n".join(f"| {' | '.join(row)} |" for row in rows))
+            sheet = "\n".join(f"| {' | '.join(row)} |" for row in rows)
+            parts += [f"### {subject}", cleandoc(SUBJECTS[subject].__doc__ or ""), sheet]
     return "\n\n".join(parts) + "\n"
+
+
+def _beyond(found: Sequence[Finding]) -> list[str]:
+    """A list of what is not within its bound, first of all."""
+    beyond = [finding.check for finding in found if not finding.check.holds]
+    rows = [
+        f"- {_verdict(check)}: {what}; {source}: {expected}, found {number}"
+        for check in beyond
+        for what, source, expected, number, *_ in [tuple(map(_cell, _row(check)))]
+    ]
+    return ["## Not within its bound", "\n".join(rows)] if rows else []
 
 
 INTRODUCTION = """\
@@ -128,8 +141,8 @@ def _row(check: Check) -> tuple[str, ...]:
         check.source,
         _number(check.expected, digits, unit),
         _number(check.found, digits, unit),
-        "" if words else f"{check.difference:.1e}",
-        "" if words else f"{check.bound:.1g}" if check.bound else "0",
+        "" if words else f"{check.difference:.1e}" if check.difference else "0",
+        "" if words else f"{check.bound:.2g}",
         check.why,
         _verdict(check),
     )
@@ -151,7 +164,7 @@ def _digits(check: Check) -> int:
 def _number(value: float | str, digits: int, unit: str) -> str:
     if isinstance(value, str):
         return value
-    if value and abs(value) < 10.0 ** -(digits - 1):
+    if value == 0 or abs(value) < 10.0 ** -(digits - 1):
         return f"{value:.2g}{unit}"
     return f"{value:.{digits}f}{unit}"
 

@@ -34,8 +34,8 @@ __all__ = [
 ]
 
 SECTION_III = "Makse 1997, sec. III, full form"
-DE_GENNES = "de Gennes 1995 (BCRE without dispersion)"
-MINIMAL = "Boutreux and de Gennes 1996; Makse 1997, sec. II"
+DE_GENNES = "de Gennes; Makse 1997, sec. II (BCRE, D = 0)"
+MINIMAL = "Boutreux and de Gennes; Makse 1997, sec. II"
 CELLS = (75, 150, 300)
 PLACES = (15.0, 17.5, 20.0, 25.0)  # cm
 BY_HAND = {  # worked out from the paper's equations apart from this code, to four digits
@@ -50,11 +50,20 @@ FOURTH_DIGIT = 5e-5
 
 
 def profile(poured: Poured) -> Checks:
-    """The profile figure: the closed form, that it solves the equations, the solver's way to it."""
+    """The profile figure of section III (`makse-profile`; L = 30 cm, R0 = 0.25 cm, psi = 0.2).
+
+    The closed form has the numbers that were worked out by hand and solves the equations; the pour
+    comes to it, by either scheme, at the scheme's order.
+    """
     state = steady_state_of(load("makse-profile"))
     for (name, expected), found in zip(BY_HAND.items(), closed_numbers(state), strict=True):
         yield Check(
-            f"closed form: {name}", SECTION_III, expected, found, FOURTH_DIGIT, "its last digit"
+            f"closed form: {name}",
+            SECTION_III,
+            expected,
+            found,
+            FOURTH_DIGIT,
+            "half its last digit",
         )
     yield Check(
         "closed form in the equations: largest |Gamma_a + phi_a dh/dt| / (v R0 / L)",
@@ -67,9 +76,7 @@ def profile(poured: Poured) -> Checks:
     last = poured("continuum", "makse-profile").isel(time=-1)
     for name, found, expected in poured_numbers(last, state):
         allowed = 2e-3 if name.startswith("theta") else 3e-4
-        yield Check(
-            f"poured: {name}, 300 cells", SECTION_III, expected, found, allowed, "O(dx)"
-        )
+        yield Check(f"poured: {name}, 300 cells", SECTION_III, expected, found, allowed, "O(dx)")
     yield Check(
         "poured: largest error of R_1 and R_2 / R0, 300 cells",
         SECTION_III,
@@ -169,15 +176,13 @@ def orders_of(errors: list[float]) -> Floats:
 
 
 def one_species(poured: Poured) -> Checks:
-    """De Gennes' silo, and his drum at two turning rates."""
+    """De Gennes' silo, and his half-filled drum, whose slope is the same at any turning rate."""
     archive = poured("continuum", "de-gennes-silo", "pour.duration=300.0")
     of_flow, of_slope, rise = silo_errors(archive)
     yield Check("silo: largest error of R / R0", DE_GENNES, 0.0, of_flow, ROUND_OFF, "round-off")
     yield Check("silo: mean |error| of theta", DE_GENNES, 0.0, of_slope, 1e-3, "O(dx), 300 cells")
     expected = silo_of(experiment_of(archive)).rise_velocity
-    yield Check(
-        "silo: dh/dt = v R0 / L", DE_GENNES, expected, rise, ROUND_OFF, "round-off", "cm/s"
-    )
+    yield Check("silo: dh/dt = v R0 / L", DE_GENNES, expected, rise, ROUND_OFF, "round-off", "cm/s")
     for rate in (0.1, 0.3):
         settings = ("pour.duration=200.0", f"cell.turning_rate={rate}")
         of_flow, of_slope = drum_errors(poured("continuum", "de-gennes-drum", *settings))
@@ -219,7 +224,11 @@ def drum_errors(archive: xr.Dataset) -> tuple[float, float]:
 
 
 def minimal_model(poured: Poured) -> Checks:
-    """How rough grains thin out, where they are few, towards the wall."""
+    """How few rough grains thin out towards the wall of `bdg-minimal`: R_1 ~ y (1 + B y)^(A/B - 1).
+
+    With y = (L - x) / L; a power law y^(A/B) where B y >> 1, here from 24 to 54. Both powers are
+    fitted over the same y.
+    """
     for rough in (0.55, 0.6, 0.7):
         archive = poured(
             "continuum",

@@ -35,6 +35,7 @@ __all__ = [
     "bcre",
     "drift_error",
     "faint_flow",
+    "growth_of_noise",
     "kernel_step",
     "oscillation_of",
     "oscillations",
@@ -43,7 +44,7 @@ __all__ = [
     "wave_errors",
 ]
 
-BCRE = "Bouchaud et al. 1995 (BCRE); drift and diffusion on a slope at repose"
+BCRE = "BCRE; Makse 1997, sec. II: drift and diffusion, on a slope at repose"
 CLIMBING = "BCRE for D = 0; exact wave with Lambert's W (continuum.theory.bcre)"
 PERTURBATION = "Makse 1997, sec. IV, eq. (solutionr2)"
 SPECTRUM = "linear stability of the scheme (continuum.theory.spectrum)"
@@ -59,7 +60,11 @@ DRIFT_CELLS = (200, 400, 800)
 
 
 def bcre(poured: Poured) -> Checks:
-    """The feed of a bare slope drifts and spreads; waves climb without change of shape."""
+    """One species (Bouchaud, Cates, Prakash and Edwards).
+
+    A feed onto a slope at repose drifts and spreads as advection and diffusion do; without
+    dispersion a wave climbs without change of shape, while it captures or erodes.
+    """
     settings = ("pour.duration=1.5", "pour.records=1")
     errors = [
         drift_error(poured("continuum", "bcre", *settings, f"continuum.cells={n}"))
@@ -147,7 +152,10 @@ def wave_errors(
 
 
 def patch(poured: Poured) -> Checks:  # noqa: ARG001
-    """A faint flow of large grains over their own kind, on the slope of the steady state."""
+    """A flow of large grains over large ones, so faint that the steady slope does not change.
+
+    R_2 ~ (l - x)^omega exp(-gamma delta t): with delta = 0.1 the flow fades, that is it is caught.
+    """
     experiment = load("makse-profile", ["mixture.delta=0.1"])
     expected = perturbation_of(steady_state_of(experiment))
     times = (0.3, 0.6)
@@ -207,7 +215,7 @@ def faint_flow(
 
 
 def spectrum(poured: Poured) -> Checks:  # noqa: ARG001
-    """The solver's own growth rates: of a disturbance that grows, and of one that decays."""
+    """Noise on the steady pile grows, or decays, as the leading mode of its spectrum does."""
     for name, depth, size, steps, share in (
         ("grows", 0.1, 1e-9, 500, 0.02),
         ("decays", 0.5, 1e-6, 1500, 1e-3),
@@ -263,7 +271,11 @@ class Oscillation(NamedTuple):
 
 
 def oscillations(poured: Poured) -> Checks:
-    """Cross rates as large as the direct ones, delta < 0: the paper's last remark."""
+    """Cross rates as large as the direct ones, delta < 0: the paper's last remark.
+
+    The centre of the pile oscillates and calms exponentially (`mcs-oscillations`), which the
+    spectrum foretells.
+    """
     settings = ("continuum.cells=400",)
     expected = growth_rates(load("mcs-oscillations", settings), 2)[0]
     found = oscillation_of(poured("continuum", "mcs-oscillations", *settings))
@@ -305,5 +317,8 @@ def oscillation_of(archive: xr.Dataset, since: float = 1500.0) -> Oscillation:
     start = [signal[-1], 0.01, 0.01, -1e-3, 0.01]
     fitted = curve_fit(swing, time, signal, p0=start)[0]
     _, even, odd, rate, frequency = map(float, fitted)
-    misfit = float(np.std(signal - swing(time, signal[-1], even, odd, rate, frequency)))
-    return Oscillation(float(archive["x"][at]), rate, frequency, misfit / float(np.hypot(even, odd)))
+    left = signal - swing(time, signal[-1], even, odd, rate, frequency)
+    misfit = float(np.std(left) / np.hypot(even, odd))
+    return Oscillation(
+        float(archive["x"][at]), rate, frequency, misfit / float(np.hypot(even, odd))
+    )
