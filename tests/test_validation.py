@@ -58,7 +58,7 @@ def test_the_models_as_they_are_hold(subject: str, poured: Poured) -> None:
     ("subject", "wrong", "caught"),
     [
         ("continuum.profile", "mixture.curvature_length=0.01", "mean |error| of theta"),
-        ("continuum.profile", "mixture.collision_rate.1.0=10.2", "theta(dx)"),
+        ("continuum.profile", "mixture.collision_rate.1.0=10.4", "theta(dx)"),
         ("continuum.profile", "feed.inflow=[0.1251,0.1249]", "error of R_1 and R_2"),
         ("continuum.segregation", "mixture.delta=0.1", "kinks"),
         ("continuum.stratification", "mixture.delta=-0.1", "regime"),

@@ -319,6 +319,4 @@ def oscillation_of(archive: xr.Dataset, since: float = 1500.0) -> Oscillation:
     _, even, odd, rate, frequency = map(float, fitted)
     left = signal - swing(time, signal[-1], even, odd, rate, frequency)
     misfit = float(np.std(left) / np.hypot(even, odd))
-    return Oscillation(
-        float(archive["x"][at]), rate, frequency, misfit / float(np.hypot(even, odd))
-    )
+    return Oscillation(float(archive["x"][at]), rate, frequency, misfit)
