@@ -38,7 +38,7 @@ DE_GENNES = "de Gennes; Makse 1997, sec. II (BCRE, D = 0)"
 MINIMAL = "Boutreux and de Gennes; Makse 1997, sec. II"
 CELLS = (75, 150, 300)
 PLACES = (15.0, 17.5, 20.0, 25.0)  # cm
-BY_HAND = {  # worked out from the paper's equations apart from this code, to four digits
+APART = {  # worked out from the paper's equations apart from this code, to four digits
     "theta(0)": 0.5111,
     "theta(x_m)": 0.4000,
     "phi_1(15 cm)": 0.3844,
@@ -53,11 +53,12 @@ NEAR = {"theta(dx)": 6e-4, "theta(x_m)": 2e-3}  # beside the source and at a cor
 def profile(poured: Poured) -> Checks:
     """The profile figure of section III (`makse-profile`; L = 30 cm, R0 = 0.25 cm, psi = 0.2).
 
-    The closed form has the numbers that were worked out by hand and solves the equations; the pour
+    The closed form has the numbers that were worked out apart from this code, and solves the
+    equations; the pour
     comes to it, by either scheme, at the scheme's order.
     """
     state = steady_state_of(load("makse-profile"))
-    for (name, expected), found in zip(BY_HAND.items(), closed_numbers(state), strict=True):
+    for (name, expected), found in zip(APART.items(), closed_numbers(state), strict=True):
         yield Check(
             f"closed form: {name}",
             SECTION_III,
@@ -121,7 +122,7 @@ def profile(poured: Poured) -> Checks:
 
 
 def closed_numbers(state: SteadyState) -> Floats:
-    """What BY_HAND names, of the closed form."""
+    """What APART names, of the closed form."""
     slopes = state.slope(np.array([0.0, state.middle]))
     return np.append(slopes, state.surface_fraction(np.array(PLACES))[:, 0])
 
