@@ -54,8 +54,7 @@ def profile(poured: Poured) -> Checks:
     """The profile figure of section III (`makse-profile`; L = 30 cm, R0 = 0.25 cm, psi = 0.2).
 
     The closed form has the numbers that were worked out apart from this code, and solves the
-    equations; the pour
-    comes to it, by either scheme, at the scheme's order.
+    equations; the pour comes to it, by either scheme, at the scheme's order.
     """
     state = steady_state_of(load("makse-profile"))
     for (name, expected), found in zip(APART.items(), closed_numbers(state), strict=True):
