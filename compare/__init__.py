@@ -1,7 +1,7 @@
 """The instrument: kinks, layers and regimes from archives, models side by side, the command line.
 
-Measurements and pictures see archives only; only campaigns and the command line run the
-models.
+Measurements and pictures see archives only; only campaigns, the validation and the command line
+run the models.
 """
 
 from compare.accessor import Strata

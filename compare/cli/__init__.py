@@ -20,6 +20,7 @@ VERBS = [  # each a command in the module of its name
     "pour",
     "presets",
     "show",
+    "validate",
 ]
 
 
