@@ -31,10 +31,11 @@ __all__ = ["figure"]
 @click.option("--data", "with_data", is_flag=True, help="Write NAME.nc, too: what is drawn.")
 @force_option
 def figure(name: str, folder: Path, with_data: bool, force: bool) -> None:
-    """Draw the figure NAME of Makse, Phys. Rev. E 56, 7008 (1997), with its caption's parameters.
+    """Draw a figure of the paper with the parameters of its caption.
 
-    Writes FOLDER/NAME.pdf and FOLDER/NAME.png, the same bytes each time. What the paper sketches,
-    onset and phase, is drawn from pours; phase takes a minute on all processors.
+    It is that of Makse, Phys. Rev. E 56, 7008 (1997). Writes FOLDER/NAME.pdf and FOLDER/NAME.png,
+    the same bytes each time. What the paper sketches, onset and phase, is drawn from pours; phase
+    takes a minute on all processors.
 
     Example: stratify figure profiles -o docs/figures --data
     """
