@@ -31,6 +31,7 @@ CREDIBLE = (0.5, 3.0)
 FORMAL_ORDER = {"godunov": 1.0, "muscl": 2.0}  # by scheme
 FEWEST_GRIDS = 3
 SAFE, WIDE = 1.25, 3.0  # F with an observed order, and without
+ASYMPTOTIC = 0.2  # of l, the most that a first-order scheme may add to it near the limit
 
 COMMENT = (
     f"error bars as dx -> 0: grid convergence index of the three finest grids, factor {SAFE:g} "
@@ -86,9 +87,25 @@ def converge(archives: Sequence[xr.Dataset]) -> xr.Dataset:
             | {
                 "history": "; ".join(archive.attrs["history"] for archive in archives),
                 "experiment": finest["experiment"],
-                "comment": COMMENT,
+                "comment": COMMENT + _caution(archives[-1]),
             }
         )
+    )
+
+
+def _caution(finest: xr.Dataset) -> str:
+    """What is to be said where the finest grid is not near the limit; else nothing.
+
+    The upwind slope of the first-order scheme adds dx / 2 to the curvature length l, and no law of
+    powers of dx holds before that is little.
+    """
+    experiment = experiment_of(finest)
+    added, length = cell_width(finest) / 2, experiment.mixture.curvature_length
+    if experiment.continuum.get("scheme", "godunov") == "muscl" or added <= ASYMPTOTIC * length:
+        return ""
+    return (
+        f"; these may be too short: on the finest grid the scheme adds dx / 2 = {added:g} cm to "
+        f"curvature_length = {length:g} cm, try continuum.scheme = muscl"
     )
 
 

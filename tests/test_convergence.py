@@ -215,3 +215,16 @@ def test_an_existing_convergence_stays_without_force(small: str, tmp_path: Path)
 
 def test_converge_has_help_with_an_example(tmp_path: Path) -> None:
     assert "Example: stratify converge" in stratify("converge", "--help", folder=tmp_path).stdout
+
+
+@pytest.mark.parametrize(
+    ("scheme", "length", "warned"),
+    [("godunov", 0.5, True), ("godunov", 1.0, False), ("muscl", 0.5, False)],
+)
+def test_grids_on_which_the_scheme_smooths_as_much_as_the_grains_do_are_called_too_coarse(
+    poured: Poured, scheme: str, length: float, warned: bool
+) -> None:
+    """First order adds dx / 2, here 0.125 cm on the finest grid, to the curvature length."""
+    settings = (f"mixture.curvature_length={length}", f"continuum.scheme={scheme}", *STRATIFIES)
+    found = converge(grids(poured, settings))
+    assert ("too short" in found.attrs["comment"]) is warned
