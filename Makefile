@@ -15,7 +15,7 @@ TERNARY := ternary --set mixture.theta_33=1.0 --set mixture.psi=0.15 --set pour.
 DELTA := --vary mixture.delta=-0.3:0.5:33
 DIAGRAMS := delta-psi delta-cross_rate delta-flux delta-composition ternary
 
-.PHONY: run test lint bench giant killed picture diagrams lock clean
+.PHONY: run test lint bench giant killed picture diagrams notebooks lock clean
 
 run: .venv/.run .venv/.kernels
 	@$(MAKE) --no-print-directory -j2 --output-sync $(PRESETS:%=pour/%)
@@ -46,6 +46,10 @@ giant: .venv/.bench .venv/.kernels
 # The README's picture, from the archives of `make run`.
 picture: run
 	@cp pours/glass-sugar/comparison.png docs/glass-sugar.png
+
+# The notebooks, run in place: their outputs are kept in them.
+notebooks: .venv/.test .venv/.kernels
+	@$(BIN)/python notebooks/execute.py
 
 # The phase diagrams of docs/phase-diagrams.md, in pours/; pictures and numbers go to docs/.
 diagrams: $(DIAGRAMS:%=diagram/%)
