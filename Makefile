@@ -16,7 +16,7 @@ DELTA := --vary mixture.delta=-0.3:0.5:33
 FIGURES := angles functions profiles onset phase
 DIAGRAMS := delta-psi delta-cross_rate delta-flux delta-composition ternary
 
-.PHONY: run test lint bench giant killed picture figures diagrams validation lock clean
+.PHONY: run test lint bench giant killed picture figures diagrams validation notebooks lock clean
 
 run: .venv/.run .venv/.kernels
 	@$(MAKE) --no-print-directory -j2 --output-sync $(PRESETS:%=pour/%)
@@ -57,6 +57,10 @@ figure/%: .venv/.run .venv/.kernels
 # The models held against all that is known on paper; docs/validation.md, a minute.
 validation: .venv/.run .venv/.kernels
 	@$(BIN)/stratify validate -o docs/validation.md --force
+
+# The notebooks, run in place: their outputs are kept in them.
+notebooks: .venv/.test .venv/.kernels
+	@$(BIN)/python notebooks/execute.py
 
 # The phase diagrams of docs/phase-diagrams.md, in pours/; pictures and numbers go to docs/.
 diagrams: $(DIAGRAMS:%=diagram/%)

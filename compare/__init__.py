@@ -11,7 +11,7 @@ from compare.deposit import layers, layers_of
 from compare.ensemble import draws, piles, piles_mean, predict
 from compare.kymograph import cycle_period, fronts, kinks
 from compare.measurement import compare, measure
-from compare.phase import phase
+from compare.phase import draw_phase, phase
 from compare.pictures import animate, draw, draw_scaling
 from compare.regimes import regime
 from compare.scaling import fit_wavelength, over_inflow
@@ -24,6 +24,7 @@ __all__ = [
     "converge",
     "cycle_period",
     "draw",
+    "draw_phase",
     "draw_scaling",
     "draws",
     "fit_wavelength",

@@ -9,11 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from camera import BROWN_ON_WHITE, GREYS, RED_AND_GREEN, Shot, photograph
 from PIL import Image
 
 from compare.deposit import layers_of
-from compare.photograph import View, measure_photograph, read_picture, see
+from compare.photograph import (
+    BROWN_ON_WHITE,
+    GREYS,
+    RED_AND_GREEN,
+    Shot,
+    View,
+    measure_photograph,
+    read_picture,
+    render,
+    see,
+)
 from compare.pictures import draw_photograph
 from compare.quantities import coarseness
 from experiment import PictureError, SetupError
@@ -62,7 +71,7 @@ def deposit(poured: Callable[..., xr.Dataset]) -> Callable[[str], Deposit]:
 
 
 def layers_in(deposit: Deposit, shot: Shot, large: str = "bright") -> xr.Dataset:
-    picture, corners = photograph(deposit.coarse, deposit.shot(shot))
+    picture, corners = render(deposit.coarse, deposit.shot(shot))
     view = View(deposit.width, rotate=shot.tilt)
     if shot.keystone:
         view = View(deposit.width, deposit.height, corners=corners)
@@ -113,7 +122,7 @@ def test_a_tilted_camera_is_set_right_by_rotation(deposit, name, tilt) -> None:
 def test_without_rotation_the_wavelength_is_that_of_tilted_layers(deposit) -> None:
     """Layers of slope 1 look 9 degrees less steep, and a vertical cut across them is shorter."""
     pile = deposit("makse, continuum")
-    picture, _ = photograph(pile.coarse, pile.shot(Shot(tilt=9.0)))
+    picture, _ = render(pile.coarse, pile.shot(Shot(tilt=9.0)))
     found = layers_of(see(picture, View(pile.width))["coarseness"])
     assert abs(found["wavelength"].item() / pile.layers["wavelength"].item() - 1) > 0.05
 
@@ -122,7 +131,7 @@ def test_without_rotation_the_wavelength_is_that_of_tilted_layers(deposit) -> No
 def test_mild_perspective_without_corners_costs_its_mean_stretch(deposit, name) -> None:
     """An upper edge 6 % shorter, not set right, is some 3 % of lengths across: within 5 % here."""
     pile = deposit(name)
-    picture, _ = photograph(pile.coarse, pile.shot(Shot(keystone=0.06)))
+    picture, _ = render(pile.coarse, pile.shot(Shot(keystone=0.06)))
     crop = ((4.0, True), (0.0, True), (96.0, True), (100.0, True))
     found = layers_of(see(picture, View(0.92 * pile.width, crop=crop))["coarseness"])
     assert found["wavelength"].item() == pytest.approx(pile.layers["wavelength"].item(), rel=0.05)
@@ -131,7 +140,7 @@ def test_mild_perspective_without_corners_costs_its_mean_stretch(deposit, name) 
 def test_the_coarseness_of_each_place_is_found_under_uneven_light(deposit) -> None:
     """Pixel by pixel, in a deposit that grades: rms 0.2 and no drift from edge to edge."""
     pile = deposit("sugar, continuum")
-    picture, _ = photograph(pile.coarse, Shot(light=2.0))
+    picture, _ = render(pile.coarse, Shot(light=2.0))
     coarse = see(picture, View(pile.width))["coarseness"]
     true = pile.coarse.assign_coords(
         x=pile.coarse["x"] - pile.coarse["x"][0] + 0.5 * pile.width / pile.coarse.sizes["x"],
@@ -146,7 +155,7 @@ def test_the_coarseness_of_each_place_is_found_under_uneven_light(deposit) -> No
 
 def test_air_and_ground_are_left_out_by_themselves(deposit) -> None:
     pile = deposit("sugar, continuum")
-    picture, _ = photograph(pile.coarse, Shot())
+    picture, _ = render(pile.coarse, Shot())
     found = see(picture, View(pile.width))["coarseness"]
     thickness = np.isfinite(found).sum("z") * float(found["z"][1] - found["z"][0])
     true = np.isfinite(pile.coarse).sum("z") * float(pile.coarse["z"][1] - pile.coarse["z"][0])
@@ -156,7 +165,7 @@ def test_air_and_ground_are_left_out_by_themselves(deposit) -> None:
 def test_a_picture_of_the_deposit_alone_is_all_deposit(deposit) -> None:
     pile = deposit("makse, continuum")
     inner = pile.coarse.isel(x=slice(100, 140)).dropna("z")
-    picture, _ = photograph(inner, Shot(pixels=20.0, grain=0.1))
+    picture, _ = render(inner, Shot(pixels=20.0, grain=0.1))
     found = see(picture, View(span(inner["x"].values)))["coarseness"]
     assert np.isfinite(found).all()
     assert layers_of(found)["wavelength"].item() == pytest.approx(
@@ -167,7 +176,7 @@ def test_a_picture_of_the_deposit_alone_is_all_deposit(deposit) -> None:
 def test_two_zones_under_uneven_light_stay_two_zones(poured) -> None:
     """Where the species part, the light must not explain them away."""
     zones = Deposit(poured("continuum", "makse-segregation"))
-    picture, _ = photograph(zones.coarse, zones.shot(Shot()))
+    picture, _ = render(zones.coarse, zones.shot(Shot()))
     coarse = see(picture, View(zones.width))["coarseness"]
     tenth = coarse.sizes["x"] // 10
     assert float(coarse[:, :tenth].mean() - coarse[:, -tenth:].mean()) == pytest.approx(
@@ -198,6 +207,20 @@ def test_our_own_picture_of_a_deposit_can_be_measured(poured, tmp_path: Path) ->
     found = measure_photograph(tmp_path / "shown.png", view)
     pile = Deposit(archive)
     assert found["wavelength"].item() == pytest.approx(pile.layers["wavelength"].item(), rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("shot", "refusal"),
+    [
+        (Shot(pixels=0.0), "shot.pixels = 0: it should be at least 1"),
+        (Shot(blur=-1.0), "shot.blur = -1: it should be at least 0"),
+        (Shot(keystone=1.0), "shot.keystone = 1: it should be at least 0 and at most 0.9"),
+        (Shot(light=float("nan")), "shot.light = nan: it should be at least 0.01"),
+    ],
+)
+def test_a_shot_that_no_camera_takes_is_refused(deposit, shot: Shot, refusal: str) -> None:
+    with pytest.raises(SetupError, match=refusal):
+        render(deposit("sugar").coarse, shot)
 
 
 # How a picture is read and framed.
@@ -308,7 +331,7 @@ def test_random_pixels_have_no_layers(tmp_path: Path) -> None:
 
 def test_a_colour_that_is_none_is_refused_and_one_as_bright_is_a_guess(deposit) -> None:
     pile = deposit("sugar, continuum")
-    picture, _ = photograph(pile.coarse, Shot(colours=RED_AND_GREEN))
+    picture, _ = render(pile.coarse, Shot(colours=RED_AND_GREEN))
     with pytest.raises(SetupError, match="large = heavy: allowed: bright, dark, or a colour"):
         see(picture, View(pile.width), "heavy")
     assert "about as bright" in see(picture, View(pile.width)).attrs["comment"]
@@ -327,7 +350,7 @@ def stratify(*arguments: object, folder: Path) -> subprocess.CompletedProcess[st
 
 @pytest.fixture
 def cell(deposit, tmp_path: Path) -> Path:
-    picture, _ = photograph(deposit("sugar, continuum").coarse, Shot())
+    picture, _ = render(deposit("sugar, continuum").coarse, Shot())
     Image.fromarray((255 * picture).astype(np.uint8)).save(tmp_path / "cell.png")
     return tmp_path
 

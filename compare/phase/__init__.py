@@ -6,5 +6,6 @@
 """
 
 from compare.phase.diagram import phase, phase_to_file
+from compare.phase.figure import draw_phase
 
-__all__ = ["phase", "phase_to_file"]
+__all__ = ["draw_phase", "phase", "phase_to_file"]
