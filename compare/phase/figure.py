@@ -48,6 +48,7 @@ SAID_OF_PICTURES = "deposits let down to a level floor, source on their left; la
 ACROSS = 4  # pictures
 BESIDE = (9, 9)  # points, the letter of a draw, so as not to hide it
 NARROWEST = 6.6  # inches, for two columns of the legend
+HEIGHT = {1: 6.6, 2: 4.8}  # inches, of three curves over one field, or of a map over two
 FEW = 1.5  # decades, within which more is labelled than the powers of ten
 EVEN = 1e-6  # relative difference of ratios that are equal
 
@@ -66,7 +67,8 @@ def draw_phase(diagram: xr.Dataset) -> "Figure":
     most = max(len(_pictures(plane, model)) for model in models)
     rows = -(-most // ACROSS)
     with style():
-        figure = Figure(figsize=(max(5.2 * len(models), NARROWEST), 4.8 + 1.3 * rows))
+        height = HEIGHT[len(_fields(plane))] + 1.3 * rows
+        figure = Figure(figsize=(max(5.2 * len(models), NARROWEST), height))
         legend: Legend = {}
         columns = figure.subfigures(1, len(models), squeeze=False)[0]
         for column, model in zip(columns, models, strict=True):
