@@ -15,7 +15,7 @@ TERNARY := ternary --set mixture.theta_33=1.0 --set mixture.psi=0.15 --set pour.
 DELTA := --vary mixture.delta=-0.3:0.5:33
 DIAGRAMS := delta-psi delta-cross_rate delta-flux delta-composition ternary
 
-.PHONY: run test lint bench giant killed picture diagrams lock clean
+.PHONY: run test lint bench giant killed picture diagrams docs lock clean
 
 run: .venv/.run .venv/.kernels
 	@$(MAKE) --no-print-directory -j2 --output-sync $(PRESETS:%=pour/%)
@@ -65,6 +65,11 @@ diagram/%: .venv/.run .venv/.kernels
 	@echo "$*" && $(BIN)/stratify phase $(MAP) -o pours/diagrams/$*.nc --force --json > pours/diagrams/$*.json
 	@cp pours/diagrams/$*.png pours/diagrams/$*.json docs/diagrams/
 
+# The documentation, into docs/_build/html; needs no network.
+docs: .venv/.test
+	@$(BIN)/sphinx-build -W --keep-going -n -q docs docs/_build/html
+	@echo "docs/_build/html/index.html"
+
 .venv/.run: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --constraint constraints.txt --editable .
@@ -90,4 +95,4 @@ lock:
 	$(BIN)/pip freeze --exclude-editable > constraints.txt
 
 clean:
-	rm -rf .venv pours
+	rm -rf .venv pours docs/_build docs/_notebooks

@@ -38,12 +38,15 @@ class Settings(Part):
     `threshold_spread` is added to them. The variants of one rule do not apply to the other.
     """
 
-    unit: Positive | None = None  # u, cm; default: the smallest diameter
-    column_width: Positive | None = None  # w, cm; default: 10 u
-    rule: Literal["threshold", "toppling"] = "threshold"
-    arrivals: ArrivalKind = "fixed"
+    unit: Positive | None = None  #: cm; u, of heights; default: the smallest diameter
+    column_width: Positive | None = None  #: cm; w; default: 10 u
+    rule: Literal["threshold", "toppling"] = "threshold"  #: which automaton
+    arrivals: ArrivalKind = "fixed"  #: what of the feed is left to chance
+    #: how often a column may touch a flow in a step, from 1 up; threshold rule only
     contacts: int | Literal["all"] = "all"
+    #: whether only the smallest species in a column touches the pile; threshold rule only
     percolation: bool = True
+    #: largest random number that is added to a threshold; toppling rule only
     threshold_spread: Annotated[int, Field(strict=True, ge=0, le=1000)] = 0
 
     @field_validator("contacts", mode="before")

@@ -38,9 +38,10 @@ class Feed(Part):
     part of that sum is species 2, of two. Neither touches what a schedule adds to `inflow`.
     """
 
-    schedule: Schedule = Constant()
-    source: Source | None = None  # where it falls; default: at x = 0
-    inflow: tuple[NonNegative, ...] = Field(default_factory=_average_of_table, min_length=1)  # cm
+    schedule: Schedule = Constant()  #: how the feed varies in time
+    source: Source | None = None  #: where it falls; default: at x = 0
+    #: cm; R_a^0, rolling thickness of each species at the source; default: the mean of a table
+    inflow: tuple[NonNegative, ...] = Field(default_factory=_average_of_table, min_length=1)
 
     def thickness(self, times: Floats) -> Floats:
         """Rolling thickness R_a [cm] at the source: (time, species) for times (time,) [s]."""
