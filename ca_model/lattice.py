@@ -70,28 +70,28 @@ class Settings(Part):
 class Rule(NamedTuple):
     """What decides on capture, in lattice units; species are numbered as in the mixture."""
 
-    grain_height: Ints  # (species,) H_a
-    threshold: Ints  # (species, surface_species): captured where s < threshold
-    smallest_first: Ints  # (species,) the species in the order in which they touch the pile
-    contacts: int  # how often a column may touch each flow in a step
-    percolation: bool  # whether only the smallest species present touches the pile
+    grain_height: Ints  #: (species,) H_a
+    threshold: Ints  #: (species, surface_species): captured where s < threshold
+    smallest_first: Ints  #: (species,) the species in the order in which they touch the pile
+    contacts: int  #: how often a column may touch each flow in a step
+    percolation: bool  #: whether only the smallest species present touches the pile
 
 
 class TopplingRule(NamedTuple):
     """What decides on toppling, in lattice units; species are numbered as in the mixture."""
 
-    grain_height: Ints  # (species,) H_a
-    threshold: Ints  # (species, surface_species) s_ab
-    spread: int  # what is added to it is 0 ... spread, all alike
+    grain_height: Ints  #: (species,) H_a
+    threshold: Ints  #: (species, surface_species) s_ab
+    spread: int  #: what is added to it is 0 ... spread, all alike
 
 
 class Ground(NamedTuple):
     """What is poured onto, in lattice units."""
 
-    height: Ints  # (column,) before pouring
-    species: int  # what the surface before pouring is made of
-    lips: tuple[int, int] | None = None  # heights of the open ends on the left and right; or walls
-    sides: int = 1  # 1: grains roll to the right only; 2: to the left as well
+    height: Ints  #: (column,) before pouring
+    species: int  #: what the surface before pouring is made of
+    lips: tuple[int, int] | None = None  #: heights of the open ends on the left and right; or walls
+    sides: int = 1  #: 1: grains roll to the right only; 2: to the left as well
 
 
 class Lattice(NamedTuple):
@@ -99,11 +99,11 @@ class Lattice(NamedTuple):
 
     rule: Rule | TopplingRule
     ground: Ground
-    left: float  # where the first column begins, cm
-    grains_per_step: Floats  # (species,) of the mean feed, to each side
-    unit: float  # u, cm
-    column_width: float  # w, cm
-    step: float  # w / v, s
+    left: float  #: where the first column begins, cm
+    grains_per_step: Floats  #: (species,) of the mean feed, to each side
+    unit: float  #: u, cm
+    column_width: float  #: w, cm
+    step: float  #: w / v, s
     arrivals: ArrivalKind
 
     @property

@@ -24,8 +24,8 @@ extensions = [
 ]
 exclude_patterns = ["_build", "_ext"]
 nitpicky = True
-suppress_warnings = ["toc.empty_glob"]  # where no page of that name is made yet
 default_role = "code"
+highlight_language = "text"
 nitpick_ignore_regex = [
     (
         "py:.*",

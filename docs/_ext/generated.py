@@ -177,7 +177,7 @@ def _default(info: FieldInfo) -> str:
     if info.is_required():
         return "required"
     if info.default_factory is not None or info.default is None:
-        return ""
+        return "optional"
     value = info.default
     plain = value.model_dump() if isinstance(value, Part) else value
     line = tomli_w.dumps({"value": plain}).strip()
@@ -197,7 +197,8 @@ def _allowed(schema: Mapping[str, Any], kinds: Mapping[str, Any]) -> str:
     if schema["type"] == "array":
         if "prefixItems" in schema:
             return f"({', '.join(_allowed(one, kinds) for one in schema['prefixItems'])})"
-        return f"list: {_allowed(schema['items'], kinds)}"
+        inside = _allowed(schema["items"], kinds)
+        return inside.replace("list", "matrix") if "list" in inside else f"list, {inside}"
     named = {
         "integer": "whole number",
         "string": "text",
