@@ -25,7 +25,7 @@ pour/%:
 	@echo "$*" && $(BIN)/stratify pour $* -o pours/$* --force
 
 test: .venv/.test .venv/.kernels lint
-	@$(BIN)/pytest
+	@$(BIN)/pytest --numprocesses auto --dist loadfile
 
 # A thousand processes that pour are killed, each in its turn; some minutes.
 killed: .venv/.test .venv/.kernels

@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 from compare.phase.axes import DRAW
 from compare.phase.patterns import PATTERNS, patterns
 from compare.phase.theory import ONSET, pure_slopes
-from compare.pictures.style import MODEL_NAMES, style
+from compare.pictures.style import (
+    BLUE,
+    GREEN,
+    LIGHT_BLUE,
+    LIGHT_YELLOW,
+    MODEL_NAMES,
+    ORANGE,
+    VERMILION,
+    style,
+)
 from experiment.arrays import Floats, Ints
 
 if TYPE_CHECKING:
@@ -24,17 +33,18 @@ if TYPE_CHECKING:
 
 __all__ = ["COLOURS", "draw_phase"]
 
-SHADES = ("#0072b2", "#009e73", "#7fc4ea", "#e69f00", "#f5e5a3", "0.75", "white")
-COLOURS = dict(zip(PATTERNS, SHADES, strict=True))  # which colour-blind eyes tell apart
+SHADES = (BLUE, GREEN, LIGHT_BLUE, ORANGE, LIGHT_YELLOW, "0.75", "white")
+COLOURS = dict(zip(PATTERNS, SHADES, strict=True))
 ORDER: dict[str, dict[str, Any]] = {
-    "layering": {"color": "#0072b2"},
-    "layered_share": {"color": "#009e73", "linestyle": "--"},
-    "segregation": {"color": "#d55e00", "linestyle": "-."},
+    "layering": {"color": BLUE},
+    "layered_share": {"color": GREEN, "linestyle": "--"},
+    "segregation": {"color": VERMILION, "linestyle": "-."},
 }
 EQUAL_SLOPES: dict[str, Any] = {"color": "black", "linestyle": "--", "linewidth": 1.4}
 GROWTH: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 3, "linewidth": 1.4}
 BARS: dict[str, Any] = {"color": "black", "marker": "o", "markersize": 3, "linestyle": ""}
 MARK: dict[str, Any] = {"boxstyle": "circle,pad=0.2", "facecolor": "white", "linewidth": 0.6}
+SAID_OF_PICTURES = "deposits let down to a level floor, source on their left; large grains bright"
 ACROSS = 4  # pictures
 BESIDE = (9, 9)  # points, the letter of a draw, so as not to hide it
 NARROWEST = 6.6  # inches, for two columns of the legend
@@ -192,6 +202,7 @@ def _draw_pictures(
     frames = np.ravel(part.subplots(rows, ACROSS, squeeze=False))
     for frame in frames:
         frame.set_axis_off()
+    part.supxlabel(SAID_OF_PICTURES, fontsize="small")
     over_two = "picture_y" in plane
     for frame, letter, k in zip(frames, ascii_lowercase, _pictures(plane, model), strict=False):
         picture = plane.isel(picture=k)

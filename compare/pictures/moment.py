@@ -13,6 +13,8 @@ from experiment.errors import NotApplicableError
 
 __all__ = ["Course", "Moment"]
 
+UPHILL, DOWNHILL = np.minimum, np.maximum  # of x, which way a line goes
+
 
 class Moment(NamedTuple):
     """One instant of a pour."""
@@ -51,14 +53,11 @@ class Course:
         share = min(max((time - before) / (after - before), 0.0), 1.0)
         height = (1.0 - share) * self._height[k - 1] + share * self._height[k]
         rolling = (1.0 - share) * self._rolling[k - 1] + share * self._rolling[k]
-        kinks, fronts = (
-            self._on_the_pile(passage, time, height) for passage in (self._kinks, self._fronts)
-        )
+        kinks = self._on_the_pile(_places(self._lines_x, self._kinks, time, UPHILL), height)
+        fronts = self._on_the_pile(_places(self._lines_x, self._fronts, time, DOWNHILL), height)
         return Moment(time, height, rolling, kinks, fronts)
 
-    def _on_the_pile(self, passage: Floats, time: float, height: Floats) -> Floats:
-        """Where (line, 2) the lines are at a time, of those that were seen before and after it."""
-        places = [x for line in passage if (x := _place(self._lines_x, line, time)) is not None]
+    def _on_the_pile(self, places: list[float], height: Floats) -> Floats:
         return np.column_stack([places, np.interp(places, self.x, height)])
 
 
@@ -71,11 +70,17 @@ def _lines(archive: xr.Dataset) -> tuple[Floats, Floats, Floats]:
     return kinks["x"].values, kinks["passage"].values, fronts["passage"].values
 
 
-def _place(x: Floats, passage: Floats, time: float) -> float | None:
-    """Where a line is at a time; None before it was first seen and after it was last."""
-    seen = np.isfinite(passage)
-    passed = passage[seen]
-    if not passed.min() <= time <= passed.max():
-        return None
-    order = np.argsort(passed)
-    return float(np.interp(time, passed[order], x[seen][order]))
+def _places(x: Floats, passages: Floats, time: float, farthest: np.ufunc) -> list[float]:
+    """Where lines are at a time, of those that were first seen before and last seen after it.
+
+    A line is as far on its way as it has come: the records scatter, so that a few columns seem to
+    be passed later than the next.
+    """
+    places = []
+    for passage in passages:
+        seen = np.flatnonzero(np.isfinite(passage))
+        order = seen[np.argsort(passage[seen], kind="stable")]
+        if passage[order[0]] <= time <= passage[order[-1]]:
+            reached = farthest.accumulate(x[order])
+            places.append(float(np.interp(time, passage[order], reached)))
+    return places

@@ -1,6 +1,6 @@
 """The look of every picture: one style file, one set of colours, one way to disk.
 
-The colours are those of Okabe and Ito, and cividis, which colour-blind eyes tell apart.
+The colours are those of Okabe and Ito, some paler, and cividis: colour-blind eyes tell them apart.
 """
 
 from contextlib import AbstractContextManager
@@ -15,15 +15,32 @@ from experiment.errors import ArchiveError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["FRONT", "KINK", "MARKS", "MODEL_NAMES", "SETTLED", "edges", "save", "style"]
+__all__ = [
+    "BLUE",
+    "FRONT",
+    "GREEN",
+    "KINK",
+    "LIGHT_BLUE",
+    "LIGHT_YELLOW",
+    "MARKS",
+    "MODEL_NAMES",
+    "ORANGE",
+    "SETTLED",
+    "VERMILION",
+    "edges",
+    "save",
+    "style",
+]
 
-KINK: dict[str, Any] = {"color": "#d55e00", "linewidth": 1.6}
-FRONT: dict[str, Any] = {"color": "#0072b2", "linewidth": 1.6}
+BLUE, GREEN, ORANGE, VERMILION = "#0072b2", "#009e73", "#e69f00", "#d55e00"
+LIGHT_BLUE, LIGHT_YELLOW = "#7fc4ea", "#f5e5a3"
+KINK: dict[str, Any] = {"color": VERMILION, "linewidth": 1.6}
+FRONT: dict[str, Any] = {"color": BLUE, "linewidth": 1.6}
 SETTLED: dict[str, Any] = {"color": "0.4", "linestyle": ":"}
 MODEL_NAMES = {"ca_model": "lattice", "continuum": "continuum"}
 MARKS: dict[str, dict[str, Any]] = {
-    "ca_model": {"color": "#d55e00", "marker": "s"},
-    "continuum": {"color": "#0072b2", "marker": "o"},
+    "ca_model": {"color": VERMILION, "marker": "s"},
+    "continuum": {"color": BLUE, "marker": "o"},
 }
 
 
