@@ -46,7 +46,7 @@ class Published(Part):
     """Values measured by others for this mixture, and a note on where and how."""
 
     wavelength: Positive | None = None  #: cm; of the layers, along the vertical
-    kink_velocity: Positive | None = None  #: cm/s
+    kink_velocity: Positive | None = None  #: cm/s; of kinks, uphill
     note: str = ""  #: where and how they were measured
 
 
