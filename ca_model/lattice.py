@@ -34,7 +34,7 @@ VARIANTS = {"contacts": "threshold", "percolation": "threshold", "threshold_spre
 class Settings(Part):
     """The `[ca_model]` table of a set-up: the lattice and its rule.
 
-    Grains roll past `threshold`s, or topple one by one where a random number up to
+    Grains roll past thresholds, or topple one by one where a random number up to
     `threshold_spread` is added to them. The variants of one rule do not apply to the other.
     """
 
@@ -97,14 +97,14 @@ class Ground(NamedTuple):
 class Lattice(NamedTuple):
     """A set-up on the lattice, and what a lattice unit is in cm and s."""
 
-    rule: Rule | TopplingRule
-    ground: Ground
+    rule: Rule | TopplingRule  #: what decides on capture, or on toppling
+    ground: Ground  #: what is poured onto
     left: float  #: where the first column begins, cm
     grains_per_step: Floats  #: (species,) of the mean feed, to each side
     unit: float  #: u, cm
     column_width: float  #: w, cm
     step: float  #: w / v, s
-    arrivals: ArrivalKind
+    arrivals: ArrivalKind  #: what of the feed is left to chance
 
     @property
     def columns(self) -> int:

@@ -25,6 +25,7 @@ extensions = [
 exclude_patterns = ["_build", "_ext"]
 nitpicky = True
 default_role = "code"
+smartquotes = False
 highlight_language = "text"
 nitpick_ignore_regex = [
     (

@@ -9,8 +9,8 @@ import sys
 from itertools import groupby
 from typing import Any
 
-from docutils.nodes import Element, TextElement
-from sphinx.addnodes import pending_xref
+from docutils.nodes import Element, Text, TextElement
+from sphinx.addnodes import desc_annotation, pending_xref
 from sphinx.application import Sphinx
 from sphinx.environment import BuildEnvironment
 from sphinx.util.nodes import make_refnode
@@ -20,10 +20,12 @@ import compare.cli  # noqa: F401  it loads every module
 from experiment.arrays import Floats, Ints
 from experiment.fields import Part
 
-ALIASES = {
-    stringify_annotation(kind, "smart"): name for name, kind in (("Floats", Floats), ("Ints", Ints))
+ALIASES = {"Floats": Floats, "Ints": Ints}
+IN_SIGNATURES = {stringify_annotation(kind, "smart"): name for name, kind in ALIASES.items()}
+# a name stands twice where it may be shown in full or in short
+IN_PROPERTIES = {
+    re.sub(r"~[a-z.]+\.(\w+)", r"\1\1", long): name for long, name in IN_SIGNATURES.items()
 }
-BORING = ("Alias for field number", "Built-in immutable sequence")
 PACKAGES = ("experiment", "ca_model", "continuum", "compare")
 
 
@@ -45,18 +47,36 @@ def shorten_signature(
 ) -> tuple[str, str] | None:
     """Arrays by the names of experiment/arrays.py; of a part of a set-up its fields tell all."""
     if what == "class" and issubclass(obj, Part):
-        return "", ""
-    for long, short in ALIASES.items():
+        return "(**fields)", ""
+    for long, short in IN_SIGNATURES.items():
         signature = signature and signature.replace(long, short)
         returns = returns and returns.replace(long, short)
     return signature, returns
 
 
-def skip_what_says_nothing(
-    _app: Sphinx, _what: str, _name: str, obj: Any, _skip: bool, _options: Any
-) -> bool | None:
-    """Leave out what Python adds to a NamedTuple."""
-    return True if any(boring in (obj.__doc__ or "") for boring in BORING) else None
+def shorten_property(_app: Sphinx, _domain: str, kind: str, content: Element) -> None:
+    """As :func:`shorten_signature`, of what is no call: a property's type, or an attribute's."""
+    if kind in ("property", "attribute"):
+        for told in content.parent.findall(desc_annotation):
+            short = IN_PROPERTIES.get(told.astext().removeprefix(": "))
+            if short:
+                told[:] = [Text(f": {short}")]
+
+
+def tell_of_fields(
+    _app: Sphinx, what: str, _name: str, obj: Any, _options: Any, lines: list[str]
+) -> None:
+    """Lead from a part of a set-up to the page of its fields."""
+    if what == "class" and issubclass(obj, Part):
+        lines += ["Its fields are those of a :doc:`set-up </reference/set-up>`.", ""]
+
+
+def set_example_apart(_app: Sphinx, _command: Any, lines: list[str]) -> None:
+    """The example at the end of a command's help, on lines of its own."""
+    for k, line in enumerate(lines):
+        if line.startswith("Example: "):
+            lines[k:] = ["::", "", "    " + " ".join([line, *lines[k + 1 :]])[9:].strip(), ""]
+            return
 
 
 def find_by_last_name(
@@ -84,7 +104,9 @@ def _is_ours(target: str) -> bool:
 def setup(app: Sphinx) -> dict[str, bool]:
     """Called by Sphinx."""
     app.connect("autodoc-process-docstring", keep_formulae)
+    app.connect("autodoc-process-docstring", tell_of_fields)
     app.connect("autodoc-process-signature", shorten_signature)
-    app.connect("autodoc-skip-member", skip_what_says_nothing)
+    app.connect("object-description-transform", shorten_property)
+    app.connect("sphinx-click-process-description", set_example_apart)
     app.connect("missing-reference", find_by_last_name)
     return {"parallel_read_safe": True}

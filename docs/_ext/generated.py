@@ -179,9 +179,10 @@ def _default(info: FieldInfo) -> str:
     if info.default_factory is not None or info.default is None:
         return "optional"
     value = info.default
-    plain = value.model_dump() if isinstance(value, Part) else value
-    line = tomli_w.dumps({"value": plain}).strip()
-    return f"`{line.removeprefix('value = ')}`" if "\n" not in line else f"`{plain}`"
+    if isinstance(value, Part):
+        inside = tomli_w.dumps(value.model_dump()).strip().replace("\n", ", ")
+        return f"`{{ {inside} }}`"
+    return f"`{tomli_w.dumps({'value': value}).strip().removeprefix('value = ')}`"
 
 
 def _allowed(schema: Mapping[str, Any], kinds: Mapping[str, Any]) -> str:
@@ -205,7 +206,7 @@ def _allowed(schema: Mapping[str, Any], kinds: Mapping[str, Any]) -> str:
         "object": "table",
         "boolean": "true, false",
     }
-    return " ".join([named.get(schema["type"], schema["type"]), *_bounds(schema)])
+    return " ".join([named.get(schema["type"], schema["type"]), ", ".join(_bounds(schema))]).strip()
 
 
 def _bounds(schema: Mapping[str, Any]) -> list[str]:
@@ -247,7 +248,7 @@ def _documented(package: str, name: str) -> str:
     if not isinstance(thing, type):
         return f".. auto{'function' if callable(thing) else 'data'}:: {package}.{name}"
     if issubclass(thing, Part):
-        fields = ", ".join(thing.model_fields)
+        fields = ", ".join(["model_config", *thing.model_fields])
         return f".. autoclass:: {package}.{name}\n   :exclude-members: {fields}"
     kind = "exception" if issubclass(thing, Exception) else "class"
     return f".. auto{kind}:: {package}.{name}"
