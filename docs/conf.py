@@ -42,7 +42,6 @@ html_math_renderer = "mathml"
 
 autodoc_default_options = {"members": True, "member-order": "bysource"}
 autodoc_typehints_format = "short"
-python_use_unqualified_type_names = True
 
 html_theme = "furo"
 html_title = "stratify"

@@ -22,10 +22,7 @@ from experiment.fields import Part
 
 ALIASES = {"Floats": Floats, "Ints": Ints}
 IN_SIGNATURES = {stringify_annotation(kind, "smart"): name for name, kind in ALIASES.items()}
-# a name stands twice where it may be shown in full or in short
-IN_PROPERTIES = {
-    re.sub(r"~[a-z.]+\.(\w+)", r"\1\1", long): name for long, name in IN_SIGNATURES.items()
-}
+IN_PROPERTIES = {re.sub(r"~[a-z.]+\.", "", long): name for long, name in IN_SIGNATURES.items()}
 PACKAGES = ("experiment", "ca_model", "continuum", "compare")
 
 
