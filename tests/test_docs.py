@@ -4,14 +4,15 @@ import re
 import shlex
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import click
 import pytest
 import xarray as xr
-from examples import ROOT, commands_in, examples, prints_as_shown, run, with_pictures
+from examples import ROOT, Example, commands_in, examples, prints_as_shown, with_pictures
 
-from compare.cli import cli
+from compare.cli import cli, main
 from experiment.archive.variables import COORDINATES, VARIABLES
 
 DOCS = ROOT / "docs"
@@ -24,11 +25,39 @@ sys.path.insert(0, str(DOCS / "_ext"))
 import generated  # noqa: E402  that of the documentation, from its own folder
 
 
-def test_the_tutorial_prints_what_it_shows(tmp_path: Path) -> None:
+@pytest.fixture
+def try_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> Callable[[Example], str]:
+    """What an example prints, in one folder for all of a page; all in this process."""
+    monkeypatch.chdir(with_pictures(tmp_path))
+
+    def tried(example: Example) -> str:
+        name = re.match(r"# (\S+\.toml)\n", example.text)
+        if example.language == "toml" and name:
+            Path(name[1]).write_text(example.text, encoding="utf-8")
+        for line in commands_in(example.text) if example.language.startswith("sh") else ():
+            monkeypatch.setattr(sys, "argv", shlex.split(line))
+            assert sys.argv[0] == "stratify"
+            with pytest.raises(SystemExit) if "fails" in example.language else nullcontext():
+                main()
+        if example.language == "python":
+            exec(example.text, {})  # noqa: S102
+        return "".join(capfd.readouterr())
+
+    return tried
+
+
+def test_the_tutorial_prints_what_it_shows(try_out: Callable[[Example], str]) -> None:
     for example in examples(DOCS / "tutorial.md"):
-        if example.language != "console":
-            printed = run(example, tmp_path)
-            assert example.shown is None or prints_as_shown(printed, example.shown), printed
+        printed = try_out(example)
+        assert example.shown is None or prints_as_shown(printed, example.shown), printed
+
+
+@pytest.mark.parametrize("page", RECIPES, ids=lambda page: page.stem)
+def test_the_recipes_work(page: Path, try_out: Callable[[Example], str]) -> None:
+    for example in examples(page):
+        try_out(example)
 
 
 @pytest.mark.parametrize(
@@ -48,21 +77,6 @@ def test_other_words_or_numbers_are_not_what_is_shown(
     printed: str, shown: str, alike: bool
 ) -> None:
     assert prints_as_shown(printed, shown) is alike
-
-
-@pytest.mark.parametrize("page", RECIPES, ids=lambda page: page.stem)
-def test_the_recipes_work(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(with_pictures(tmp_path))
-    for language, text, _ in examples(page):
-        name = re.match(r"# (\S+\.toml)\n", text)
-        if language == "toml" and name:
-            Path(name[1]).write_text(text, encoding="utf-8")
-        for line in commands_in(text) if language == "sh" else ():
-            tool, *arguments = shlex.split(line)
-            assert tool == "stratify"
-            cli.main(arguments, standalone_mode=False)
-        if language == "python":
-            exec(text, {})  # noqa: S102
 
 
 def named_commands() -> Iterator[str]:
