@@ -13,9 +13,10 @@ MAKSE := makse-segregation --set "title=Makse 1997, section V" --set continuum.c
 TERNARY := ternary --set mixture.theta_33=1.0 --set mixture.psi=0.15 --set pour.records=600 \
 	--set ca_model.column_width=0.15 --set ca_model.unit=0.005 --set ca_model.arrivals=drawn
 DELTA := --vary mixture.delta=-0.3:0.5:33
+FIGURES := angles functions profiles onset phase
 DIAGRAMS := delta-psi delta-cross_rate delta-flux delta-composition ternary
 
-.PHONY: run test lint bench giant killed picture diagrams docs lock clean
+.PHONY: run test lint bench giant killed picture figures diagrams validation docs lock clean
 
 run: .venv/.run .venv/.kernels
 	@$(MAKE) --no-print-directory -j2 --output-sync $(PRESETS:%=pour/%)
@@ -46,6 +47,16 @@ giant: .venv/.bench .venv/.kernels
 # The README's picture, from the archives of `make run`.
 picture: run
 	@cp pours/glass-sugar/comparison.png docs/glass-sugar.png
+
+# The figures of the paper, drawn from the code; a minute or two.
+figures: $(FIGURES:%=figure/%)
+
+figure/%: .venv/.run .venv/.kernels
+	@$(BIN)/stratify figure $* -o docs/figures --force
+
+# The models held against all that is known on paper; docs/validation.md, a minute.
+validation: .venv/.run .venv/.kernels
+	@$(BIN)/stratify validate -o docs/validation.md --force
 
 # The phase diagrams of docs/phase-diagrams.md, in pours/; pictures and numbers go to docs/.
 diagrams: $(DIAGRAMS:%=diagram/%)

@@ -13,6 +13,7 @@ SUBJECTS = (
     "recording",
     "measuring",
     "diagrams",
+    "films",
 )
 ON_REQUEST = ("giant",)
 

@@ -1,7 +1,7 @@
 """The instrument: kinks, layers and regimes from archives, models side by side, the command line.
 
-Measurements and pictures see archives only; only campaigns and the command line run the
-models.
+Measurements and pictures see archives only; only campaigns, the validation and the command line
+run the models.
 """
 
 from compare.accessor import Strata
@@ -12,12 +12,13 @@ from compare.ensemble import draws, piles, piles_mean, predict
 from compare.kymograph import cycle_period, fronts, kinks
 from compare.measurement import compare, measure
 from compare.phase import phase
-from compare.pictures import draw, draw_scaling
+from compare.pictures import animate, draw, draw_scaling
 from compare.regimes import regime
 from compare.scaling import fit_wavelength, over_inflow
 
 __all__ = [
     "Strata",
+    "animate",
     "campaign",
     "compare",
     "converge",

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import xarray as xr
-from synthetic import archive_of, calm, stripes
 
 from compare import measure
 from compare.balances import Measured, balances, unbalanced, volume_residual
 from compare.quantities import flux, rise_velocity, total_inflow
+from compare.validation.drawn import archive_of, calm, stripes
 
 
 @pytest.fixture

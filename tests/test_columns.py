@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import scipy
 import xarray as xr
-from synthetic import archive_of, calm, stripes
 
 from compare import layers, layers_of
 from compare.deposit import settled_coarseness
@@ -12,6 +11,7 @@ from compare.deposit.counting import _quantiles, count_pairs
 from compare.deposit.kernel import average_along, highest_near, smooth, squares_of_first
 from compare.deposit.spectrum import correlate
 from compare.quantities import measured_columns
+from compare.validation.drawn import archive_of, calm, stripes
 
 
 def ragged(seed: int = 0, gaps: bool = True) -> np.ndarray:

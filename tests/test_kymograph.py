@@ -5,13 +5,13 @@ import itertools
 import numpy as np
 import pytest
 import xarray as xr
-from synthetic import COLUMNS, DRIFT, LENGTH, PERIOD, archive_of, calm, wedges
 
 from compare import cycle_period, fronts, kinks
 from compare.kymograph import kinks_and_fronts, mean_velocity, median_and_error
 from compare.kymograph.fit import fit
 from compare.kymograph.flow import Crossings, alarms, crossings, quieten
 from compare.kymograph.link import link
+from compare.validation.drawn import COLUMNS, DRIFT, LENGTH, PERIOD, archive_of, calm, wedges
 
 SEEDS = range(4)
 WHOLE_CYCLES = (6, 7)  # that begin after the transient, of ten

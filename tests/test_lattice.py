@@ -1,7 +1,5 @@
 """The lattice: the kernel lays the reference's grains, conserves them, and maps to cm and s."""
 
-from typing import NamedTuple
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,21 +10,20 @@ from ca_model.arrivals import Arrivals
 from ca_model.feeding import Feeding
 from ca_model.lattice import MANY, Ground, Rule, lattice_of
 from ca_model.pile import Pile
-from ca_model.reference import ReferencePile
+from compare.validation.lattice import (
+    HEAP,
+    SILO,
+    LatticeSetup,
+    agrees,
+    grains_missing,
+    kernels_agree,
+    poured_by_reference,
+    poured_on,
+    still_pile,
+)
 from experiment import NotApplicableError, SetupError, load
 from experiment.pouring.recorder import edges_of_steps
 from experiment.pouring.slabs import Deposit
-
-SILO, HEAP = 1, 2
-
-
-class Setup(NamedTuple):
-    """What is poured in units of the lattice."""
-
-    rule: Rule
-    ground: Ground
-    arrivals: np.ndarray  # (step, side, species)
-    source: np.ndarray  # (step,)
 
 
 @st.composite
@@ -45,7 +42,7 @@ def rules(draw: st.DrawFn) -> Rule:
 
 
 @st.composite
-def set_ups(draw: st.DrawFn) -> Setup:
+def set_ups(draw: st.DrawFn) -> LatticeSetup:
     """Silos and heaps, walls and lips, rugged ground, fits of feed, sources that leap."""
     rule = draw(rules())
     species = len(rule.grain_height)
@@ -64,89 +61,43 @@ def set_ups(draw: st.DrawFn) -> Setup:
     leaps = random.integers(0, columns + 1, steps)
     rests = np.full(steps, leaps[0])
     still = np.zeros(steps, dtype=np.int64) if sides == SILO else rests
-    return Setup(rule, ground, arrivals, leaps if draw(st.booleans()) and sides == HEAP else still)
-
-
-def still(setup: Setup, deposit: Deposit, log: int = 50) -> Pile:
-    """The pile before pouring, for the kernel that the run chooses for such a source."""
-    moves = (setup.source != setup.source[0]).any()
-    source = None if moves else int(setup.source[0])
-    return Pile(setup.rule, setup.ground, deposit.lay, source=source, log=log)
-
-
-def poured(setup: Setup, pile: Pile, deposit: Deposit) -> tuple[Pile, list[list[int]]]:
-    """The pile after all arrivals, and its stacks."""
-    pile.advance(setup.arrivals, setup.source)
-    pile.flush()
-    return pile, [deposit.stack(i).tolist() for i in range(len(setup.ground.height))]
-
-
-def poured_by_reference(setup: Setup) -> ReferencePile:
-    pile = ReferencePile(setup.rule, setup.ground)
-    for arrivals, source in zip(setup.arrivals, setup.source, strict=True):
-        pile.step(arrivals, int(source))
-    return pile
-
-
-def agrees(pile: Pile, stacks: list[list[int]], reference: ReferencePile) -> bool:
-    """Grain by grain: stacks, heights, what rolls, and what fell off."""
-    return (
-        stacks == reference.stacks
-        and pile.height.tolist() == reference.heights
-        and pile.rolling.tolist() == np.sum(reference.rolling, axis=0).tolist()
-        and pile.outflow.tolist() == reference.outflow
+    return LatticeSetup(
+        rule, ground, arrivals, leaps if draw(st.booleans()) and sides == HEAP else still
     )
 
 
 @settings(max_examples=10_000, deadline=None)
 @given(set_ups())
-def test_every_kernel_lays_the_references_grains(setup: Setup) -> None:
+def test_every_kernel_lays_the_references_grains(setup: LatticeSetup) -> None:
     """The one that goes step by step does so wherever the source is; the faster one, at rest."""
-    reference = poured_by_reference(setup)
-    deposit = Deposit()
-    assert agrees(*poured(setup, still(setup, deposit), deposit), reference)
-    if setup.ground.sides == HEAP:
-        deposit = Deposit()
-        step_by_step = Pile(setup.rule, setup.ground, deposit.lay, source=None, log=50)
-        assert agrees(*poured(setup, step_by_step, deposit), reference)
+    assert kernels_agree(setup)
 
 
 @settings(max_examples=200, deadline=None)
 @given(set_ups())
-def test_every_step_conserves_each_species_exactly(setup: Setup) -> None:
-    deposit = Deposit()
-    pile = still(setup, deposit)
-    fed = np.zeros(len(setup.rule.grain_height), dtype=np.int64)
-    for k in range(len(setup.arrivals)):
-        pile.advance(setup.arrivals[k : k + 1], setup.source[k : k + 1])
-        fed += setup.arrivals[k].sum(axis=0)
-        assert (pile.grains_at_rest + pile.rolling.sum(axis=0) + pile.outflow == fed).all()
-        grown = (pile.height - setup.ground.height).sum()
-        assert grown == pile.grains_at_rest @ setup.rule.grain_height
-    pile.flush()
-    counted = sum(np.bincount(slab.pieces, minlength=len(fed)) for slab in deposit)
-    assert (counted == pile.grains_at_rest).all()
+def test_every_step_conserves_each_species_exactly(setup: LatticeSetup) -> None:
+    assert grains_missing(setup) == 0
 
 
 @settings(max_examples=200, deadline=None)
 @given(set_ups(), st.integers(1, 40), st.lists(st.integers(0, 25), max_size=4))
 def test_neither_the_size_of_the_log_nor_of_the_calls_changes_a_grain(setup, log, cuts) -> None:
     whole, parts = Deposit(), Deposit()
-    pile = still(setup, parts, log)
+    pile = still_pile(setup, parts, log)
     for arrivals, source in zip(
         np.split(setup.arrivals, sorted(cuts)), np.split(setup.source, sorted(cuts)), strict=True
     ):
         pile.advance(arrivals, source)
     pile.flush()
     stacks = [parts.stack(i).tolist() for i in range(len(setup.ground.height))]
-    assert stacks == poured(setup, still(setup, whole, 10_000), whole)[1]
+    assert stacks == poured_on(setup, still_pile(setup, whole, 10_000), whole)[1]
 
 
 def one_step(rule: Rule, heights: list[int], grains: list[int], ground_species: int = 0):
     """A silo of these heights, one step after these grains arrived."""
     ground, deposit = Ground(np.array(heights), ground_species), Deposit()
-    setup = Setup(rule, ground, np.array([[grains]]), np.zeros(1, dtype=np.int64))
-    return poured(setup, still(setup, deposit), deposit)
+    setup = LatticeSetup(rule, ground, np.array([[grains]]), np.zeros(1, dtype=np.int64))
+    return poured_on(setup, still_pile(setup, deposit), deposit)
 
 
 @pytest.mark.parametrize(("threshold", "captured"), [(2, False), (3, True)])
@@ -244,14 +195,14 @@ def test_the_largest_number_of_species_is_poured_alike_by_both_kernels() -> None
     for percolation in (False, True):
         rule = Rule(np.ones(64, int), np.full((64, 64), 5), np.arange(64), MANY, percolation)
         arrivals = np.ones((3, HEAP, 64), dtype=np.int64)
-        setup = Setup(
+        setup = LatticeSetup(
             rule, Ground(np.zeros(6, dtype=np.int64), 0, None, HEAP), arrivals, np.full(3, 3)
         )
         reference = poured_by_reference(setup)
         for source in (3, None):
             deposit = Deposit()
             pile = Pile(rule, setup.ground, deposit.lay, source=source)
-            assert agrees(*poured(setup, pile, deposit), reference)
+            assert agrees(*poured_on(setup, pile, deposit), reference)
 
 
 def test_a_source_that_moves_is_where_it_is_in_the_middle_of_a_step() -> None:

@@ -5,12 +5,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import xarray as xr
-from synthetic import archive_of, calm, stripes
 
 from compare import compare, draw, fronts, kinks, layers, measure
 from compare.quantities import settled_thickness, total_inflow
 from compare.regimes import regime
 from compare.table import as_records, table, with_error
+from compare.validation.drawn import archive_of, calm, stripes
 from experiment import ArchiveError
 
 

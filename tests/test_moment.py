@@ -62,7 +62,7 @@ def test_a_kink_only_climbs_and_a_front_only_runs_down(poured: Callable[..., xr.
     assert (kinks["passage"].dropna("x").diff("x") > 0).any()
     course = Course(archive)
     for line, name, way in ((kinks, "kinks", -1), (fronts, "fronts", 1)):
-        times = np.linspace(float(line["birth_time"]), float(line["end_time"]), 100)
+        times = np.linspace(float(line["birth_time"]), float(line["end_time"]), 1000)
         way_on = way * np.diff([getattr(course.at(time), name)[0, 0] for time in times])
         assert (way_on >= 0).all()
         assert way_on.sum() > 50.0

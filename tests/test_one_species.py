@@ -8,37 +8,16 @@ import pytest
 from flows import law_with, still, take
 
 import continuum
-from continuum.kernel import advance
+from compare.validation.steady import drum_errors, orders_of
+from compare.validation.waves import DRIFT_CELLS, WAVES, drift_error, kernel_step, wave_errors
 from continuum.law import Law
 from continuum.limiters import LIMITERS
-from continuum.state import GODUNOV, MUSCL, Flow, Grid
-from continuum.theory.bcre import ClimbingWave, poured_step, spread_step
+from continuum.state import MUSCL, Flow, Grid
+from continuum.theory.bcre import spread_step
 from continuum.theory.de_gennes import drum_of, silo_of
 from experiment import NotApplicableError, load
 
-THETA_R, RATE, SPEED = 0.6, 1.0, 1.0
-WAVES = {
-    "capturing": ClimbingWave(climb=0.5, velocity=SPEED, rate=RATE, faint_excess=-0.1, gap=0.3),
-    "eroding": ClimbingWave(climb=0.5, velocity=SPEED, rate=RATE, faint_excess=0.02, gap=2.0),
-}
-LENGTH, TIME = 40.0, 16.0
-
-
-def one_species(**changes: object) -> Law:
-    settings = {
-        "repose_slope": np.array([[THETA_R]]),
-        "collision_rate": np.array([[RATE]]),
-        "curvature_length": 0.0,
-    }
-    return law_with(1, **(settings | changes))
-
-
-def slope_of(flow: Flow, grid: Grid) -> np.ndarray:
-    return -np.diff(flow.height) / grid.dx
-
-
-def kernel_step(flow: Flow, law: Law, grid: Grid, inflow: float) -> None:
-    assert advance(flow, law, grid, np.array([SPEED]), np.array([[inflow]]))[0] == 1
+SPEED, RATE = 1.0, 1.0
 
 
 def trapped_step(flow: Flow, law: Law, grid: Grid, inflow: float) -> None:
@@ -53,34 +32,6 @@ def trapped_step(flow: Flow, law: Law, grid: Grid, inflow: float) -> None:
         height[i] += settled
 
 
-def errors_on_a_wave(
-    step: Callable[..., None], wave: ClimbingWave, scheme: int = GODUNOV
-) -> list[float]:
-    """Mean error of the slope, relative to its excess, that a wave has after TIME, as dx halves.
-
-    Only where nothing that happened at the wall has come to be known: it climbs slower than 0.5.
-    """
-    errors = []
-    for cells in (100, 200, 400, 800):
-        grid = Grid(LENGTH / cells, LENGTH / cells / SPEED, 0.05, scheme=scheme)
-        law = one_species()
-        middles = (np.arange(cells) + 0.5) * grid.dx
-        edges = (np.arange(cells) + 1) * grid.dx
-        climb = (wave.climb + wave.velocity) / wave.rate * np.log(wave.thickness(middles, 0.0))
-        flow = still(law, cells, bins=4000, base=100.0 - THETA_R * middles - climb)
-        flow.rolling[0] = wave.thickness(edges, 0.0)
-        flow.surface[0] = law.surface_depth
-        flow.tape[0, :, :1000] = grid.dz
-        flow.top[:] = flow.sealed[:] = 1000
-        for k in range(round(TIME / grid.dt)):
-            step(flow, law, grid, float(wave.thickness(np.zeros(1), k * grid.dt)[0]))
-        seen = edges[:-1] < LENGTH - 0.5 * TIME - 2.0
-        exact = wave.excess_slope(edges[:-1], TIME)
-        error = np.abs(slope_of(flow, grid) - THETA_R - exact)[seen]
-        errors.append(float(error.mean() / np.abs(exact[seen]).mean()))
-    return errors
-
-
 def assert_first_order(errors: list[float]) -> None:
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert (orders > 0.9).all(), (errors, orders)
@@ -88,14 +39,14 @@ def assert_first_order(errors: list[float]) -> None:
 
 @pytest.mark.parametrize("kind", WAVES)
 def test_a_climbing_wave_is_followed_at_first_order(kind: str) -> None:
-    errors = errors_on_a_wave(kernel_step, WAVES[kind])
+    errors = wave_errors(kernel_step, WAVES[kind])
     assert_first_order(errors)
     assert errors[-1] < 0.01
 
 
 @pytest.mark.parametrize("kind", WAVES)
 def test_a_climbing_wave_is_followed_at_second_order_by_muscl(kind: str) -> None:
-    errors = np.array(errors_on_a_wave(kernel_step, WAVES[kind], MUSCL))
+    errors = np.array(wave_errors(kernel_step, WAVES[kind], MUSCL))
     orders = np.log2(errors[:-1] / errors[1:])
     assert (orders > 1.4).all(), (errors, orders)
     assert orders[-1] > 1.9
@@ -105,7 +56,7 @@ def test_a_climbing_wave_is_followed_at_second_order_by_muscl(kind: str) -> None
 @pytest.mark.parametrize("kind", WAVES)
 def test_the_trap_fails_the_order_test(kind: str) -> None:
     """It looks converged, to a wrong slope."""
-    errors = errors_on_a_wave(trapped_step, WAVES[kind])
+    errors = wave_errors(trapped_step, WAVES[kind])
     with pytest.raises(AssertionError):
         assert_first_order(errors)
     assert errors[-1] > 0.5 * errors[-2]
@@ -160,15 +111,13 @@ def test_drift_and_dispersion_of_a_smooth_step_are_of_second_order(limiter: str)
 def test_the_feed_of_the_bcre_preset_drifts_and_spreads_as_advection_and_diffusion_do() -> None:
     """On the slope of repose nothing is exchanged before the flow has reached the wall."""
     errors = []
-    for cells in (100, 200, 400):
+    for cells in DRIFT_CELLS:
         settings = ["pour.duration=1.5", "pour.records=1", f"continuum.cells={cells}"]
-        experiment = load("bcre", settings)
-        archive = continuum.pour(experiment)
-        edges = archive["x"].values + 0.5 * experiment.cell.length / cells
-        found = archive["rolling_thickness"].isel(time=-1, species=0).values / 0.25
-        errors.append(float(np.abs(found - poured_step(edges, 10.0, 2.0, 1.5)).mean()))
-    assert errors[-1] < 5e-3
-    assert_first_order(errors)
+        errors.append(drift_error(continuum.pour(load("bcre", settings))))
+    assert errors[-1] < 1e-4
+    orders = orders_of(errors)
+    assert orders[-1] > orders[0], "it tends to 1 from below, for the feed starts at once"
+    assert orders[-1] > 0.8
 
 
 @pytest.mark.parametrize("cells", [75, 150, 300])
@@ -188,30 +137,19 @@ def test_de_gennes_silo_is_reached(cells: int) -> None:
     np.testing.assert_allclose(rise.isel(time=0), state.rise_velocity, rtol=1e-5)
 
 
-def drum_errors(*settings: str) -> tuple[float, float]:
-    """Largest error of R, relative to the largest R, and mean error of s, away from the rims."""
-    experiment = load("de-gennes-drum", ["pour.duration=200.0", *settings])
-    state, last = drum_of(experiment), continuum.pour(experiment).isel(time=-1)
-    dx = experiment.cell.length / last.sizes["x"]
-    edges = last["x"].values[1:-1] + dx / 2
-    theta = -np.diff(last["height"].values) / dx
-    s = theta[1:] + experiment.mixture.curvature_length * np.diff(theta) / dx
-    inner = np.abs(edges) < 8.0
-    rolling = last["rolling_thickness"].values[1:-1, 0]
-    thickest = state.rolling_thickness(np.zeros(1))[0]
-    of_flow = np.abs(rolling - state.rolling_thickness(edges)).max() / thickest
-    return float(of_flow), float(np.abs(s - state.slope(edges))[inner].mean())
+def drum(*settings: str) -> tuple[float, float]:
+    return drum_errors(continuum.pour(load("de-gennes-drum", ["pour.duration=200.0", *settings])))
 
 
 @pytest.mark.parametrize("turning_rate", [0.05, 0.1, 0.3])
 def test_the_drum_takes_de_gennes_shape_at_any_turning_rate(turning_rate: float) -> None:
-    of_flow, of_slope = drum_errors(f"cell.turning_rate={turning_rate}")
+    of_flow, of_slope = drum(f"cell.turning_rate={turning_rate}")
     assert of_flow < 2e-3
     assert of_slope < 2e-3
 
 
 def test_the_drums_surface_converges_at_first_order() -> None:
-    errors = [drum_errors("cell.turning_rate=0.3", f"continuum.cells={n}") for n in (50, 100, 200)]
+    errors = [drum("cell.turning_rate=0.3", f"continuum.cells={n}") for n in (50, 100, 200)]
     assert_first_order([of_slope for _, of_slope in errors])
 
 
@@ -219,7 +157,7 @@ def test_the_drums_surface_converges_at_first_order() -> None:
 def test_a_drum_may_lift_more_than_a_surface_layer_in_a_step(scheme: str, allowed: float) -> None:
     """0.12 cm at the rim against d = 0.05 cm; all of it has to be released."""
     settings = ["cell.turning_rate=0.3", "continuum.cells=50", f"continuum.scheme={scheme}"]
-    of_flow, of_slope = drum_errors(*settings)
+    of_flow, of_slope = drum(*settings)
     assert of_flow < 2e-3
     assert of_slope < allowed
 

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from compare.validation.waves import after, growth_of_noise
 from continuum.kernel import advance
 from continuum.theory import critical_delta, growth_rates, leading_growth_rate, spectrum_of
-from continuum.theory.spectrum import Step, step_of
+from continuum.theory.spectrum import step_of
 from continuum.theory.steady_state import steady_state_of
 from experiment import Experiment, NotApplicableError, load
 
@@ -13,21 +14,6 @@ from experiment import Experiment, NotApplicableError, load
 def segregation(*settings: str) -> Experiment:
     """The preset on a coarse grid."""
     return load("makse-segregation", ["continuum.cells=100", *settings])
-
-
-def after(step: Step, state: np.ndarray, steps: int) -> np.ndarray:
-    """The state after a pour of `steps` by the kernel alone, which is told the state only once."""
-    flow = step.flow(state)
-    taken, *_ = advance(
-        flow, step.law, step.grid, step.velocity, np.tile(step.inflow, (steps - 1, 1))
-    )
-    assert taken == steps - 1
-    species = len(step.inflow)
-    reached = np.zeros_like(state)
-    reached[:, :species] = flow.rolling.T
-    reached[:, species:-1] = flow.surface[:-1].T / step.law.surface_depth
-    reached[:-1, -1] = -np.diff(flow.height) / step.grid.dx
-    return step(reached)
 
 
 def test_the_steady_pile_has_the_closed_forms_rolling_thicknesses() -> None:
@@ -101,16 +87,10 @@ def test_any_disturbance_comes_to_grow_or_decay_at_the_leading_rate(
     depth: float, size: float, steps: int
 ) -> None:
     """Measured over one beat of the wave, whose size pulsates."""
-    experiment = segregation("mixture.delta=-0.15", f"mixture.surface_depth={depth}")
-    step, found = step_of(experiment), spectrum_of(experiment, 2)
-    sigma = found.growth_rate[0]
-    noise = size * np.random.default_rng(3).uniform(-1.0, 0.0, found.steady.shape)
-    early = after(step, found.steady + noise, steps)
-    beat = round(2 * np.pi / abs(sigma.imag) / step.grid.dt) if sigma.imag else 200
-    late = after(step, early, beat)
-    change = np.linalg.norm(late - found.steady) / np.linalg.norm(early - found.steady)
-    assert (change > 1) == (sigma.real > 0)
-    assert np.log(change) / (beat * step.grid.dt) == pytest.approx(sigma.real, rel=0.03)
+    settings = ("mixture.delta=-0.15", f"mixture.surface_depth={depth}")
+    expected, found = growth_of_noise(segregation(*settings), size, steps)
+    assert (found > 0) == (expected > 0)
+    assert found == pytest.approx(expected, rel=0.03)
 
 
 def test_waves_begin_where_full_runs_have_them() -> None:

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from compare.validation.steady import CELLS, mixing_length, orders_of, slope_error, unbalanced
 from continuum.theory import steady_state_of
 from experiment import NotApplicableError, load
-
-CELLS = (75, 150, 300)
 
 
 def test_the_closed_form_has_the_numbers_of_the_profile_figure() -> None:
@@ -32,6 +31,11 @@ def test_the_closed_form_satisfies_the_equations_it_came_from() -> None:
     fine = np.linspace(0.0, 30.0, 200_001)
     laid = np.trapezoid(state.surface_fraction(fine)[:, 0], fine)
     assert laid == pytest.approx(15.0, rel=1e-4)
+
+
+def test_the_closed_form_leaves_nothing_of_the_exchange_unbalanced() -> None:
+    """phi_a dh/dt = -Gamma_a, by the kernel's own law of exchange."""
+    assert unbalanced(steady_state_of(load("makse-profile"))) < 1e-13
 
 
 @pytest.fixture(scope="module")
@@ -59,20 +63,9 @@ def test_composition_reaches_the_closed_form(profiles) -> None:
         assert error.max() < 1e-3
 
 
-def slope_error(profile: xr.Dataset) -> float:
-    """Mean error of theta at the cells' edges, away from the last 7 % of the cell."""
-    state = steady_state_of(load("makse-profile"))
-    x, height = profile["x"].values, profile["height"].values
-    dx = x[1] - x[0]
-    edges = x[:-1] + dx / 2
-    inside = edges < 0.93 * state.length
-    error = -np.diff(height) / dx - state.slope(edges)
-    return float(np.abs(error[inside]).mean())
-
-
 def test_the_slope_converges_to_the_closed_form_at_first_order(profiles) -> None:
-    errors = np.array([slope_error(profiles[cells]) for cells in CELLS])
-    orders = np.log2(errors[:-1] / errors[1:])
+    errors = [slope_error(profiles[cells]) for cells in CELLS]
+    orders = orders_of(errors)
     assert errors[-1] < 7e-4
     assert ((orders > 0.85) & (orders < 1.2)).all(), (errors, orders)
 
@@ -81,10 +74,14 @@ def test_muscl_reaches_the_closed_form_at_second_order(poured: Callable[..., xr.
     """Also across x_m, where the slope has a corner."""
     settings = [("continuum.scheme=muscl", f"continuum.cells={cells}") for cells in CELLS]
     found = [poured("continuum", "makse-profile", *chosen).isel(time=-1) for chosen in settings]
-    errors = np.array([slope_error(profile) for profile in found])
-    orders = np.log2(errors[:-1] / errors[1:])
+    errors = [slope_error(profile) for profile in found]
+    orders = orders_of(errors)
     assert errors[-1] < 3e-5
     assert (orders > 1.8).all(), (errors, orders)
+
+
+def test_species_mix_over_v_over_gamma_psi(profiles) -> None:
+    assert mixing_length(profiles[300]) == pytest.approx(2.5, rel=1e-6)
 
 
 @pytest.mark.parametrize(

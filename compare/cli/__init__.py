@@ -11,13 +11,16 @@ __all__ = ["cli", "main"]
 
 BAD_INPUT = 2
 VERBS = [  # each a command in the module of its name
+    "animate",
     "compare",
     "converge",
+    "figure",
     "measure",
     "phase",
     "pour",
     "presets",
     "show",
+    "validate",
 ]
 
 

@@ -34,13 +34,15 @@ def open_bars(console: Console | None = None) -> Iterator[Progress]:
 
 
 @contextmanager
-def progress_on(name: str, bars: Progress) -> Iterator[Callable[[float], object]]:
-    """A bar while it pours, a line once it has, if there was anything to pour."""
+def progress_on(
+    name: str, bars: Progress, done: str = "poured"
+) -> Iterator[Callable[[float], object]]:
+    """A bar while it works, a line once it is `done`, if there was anything to do."""
     started = time.perf_counter()
     task = bars.add_task(name, total=1.0)
     yield lambda share: bars.update(task, completed=share)
     if bars.tasks[task].completed:
-        say(f"{name}: poured in {time.perf_counter() - started:.1f} s", bars.console)
+        say(f"{name}: {done} in {time.perf_counter() - started:.1f} s", bars.console)
 
 
 @contextmanager

@@ -42,17 +42,18 @@ class Course:
             )
         self.x = values_of(archive, "x")
         self.records = values_of(archive, "time")
-        self._height = values_of(archive, "height")
-        self._rolling = values_of(archive, "rolling_thickness")
+        self.height = values_of(archive, "height")
+        self.rolling = values_of(archive, "rolling_thickness")
         self._lines_x, self._kinks, self._fronts = _lines(archive)
+        self.has_kinks, self.has_fronts = len(self._kinks) > 0, len(self._fronts) > 0
 
     def at(self, time: float) -> Moment:
         """The pour at a time [s], linear between two records."""
         k = int(np.searchsorted(self.records, time).clip(1, len(self.records) - 1))
         before, after = self.records[k - 1 : k + 1]
         share = min(max((time - before) / (after - before), 0.0), 1.0)
-        height = (1.0 - share) * self._height[k - 1] + share * self._height[k]
-        rolling = (1.0 - share) * self._rolling[k - 1] + share * self._rolling[k]
+        height = (1.0 - share) * self.height[k - 1] + share * self.height[k]
+        rolling = (1.0 - share) * self.rolling[k - 1] + share * self.rolling[k]
         kinks = self._on_the_pile(_places(self._lines_x, self._kinks, time, UPHILL), height)
         fronts = self._on_the_pile(_places(self._lines_x, self._fronts, time, DOWNHILL), height)
         return Moment(time, height, rolling, kinks, fronts)

@@ -1,4 +1,4 @@
-"""Archives of pours that never were: kymographs and deposits whose answers are known."""
+"""Kymographs and deposits of pours that never were, so that all about them is known."""
 
 from collections.abc import Callable, Sequence
 
@@ -7,18 +7,37 @@ import xarray as xr
 
 from experiment import load
 from experiment.archive import assemble
+from experiment.arrays import Floats
 
-Field = Callable[[np.ndarray, np.ndarray], np.ndarray]
+__all__ = [
+    "COLUMNS",
+    "DEPOSIT_COLUMNS",
+    "DRIFT",
+    "DZ",
+    "INFLOW",
+    "LENGTH",
+    "PERIOD",
+    "Field",
+    "archive_of",
+    "calm",
+    "deposit_of",
+    "parallel",
+    "stripes",
+    "wedges",
+]
 
-LENGTH, COLUMNS, PERIOD, INFLOW, DRIFT = 100.0, 100, 100.0, 1.0, 5.0
+Field = Callable[[Floats, Floats], Floats]  # of (time, x), or of (height above the base, x)
+
+LENGTH, COLUMNS, PERIOD, INFLOW, DRIFT = 100.0, 100, 100.0, 1.0, 5.0  # cm, 1, s, cm, cm/s
+DEPOSIT_COLUMNS, DZ = 120, 0.05  # of a drawn deposit; cm
 
 
 def archive_of(
     rolling: Field,
     coarse: Field | None = None,
-    noise: float | np.ndarray = 0.0,
+    noise: float | Floats = 0.0,
     *,
-    times: np.ndarray | None = None,
+    times: Floats | None = None,
     share: Field | float = 0.5,
     shape: str = "silo",
     seed: int = 3,
@@ -65,12 +84,12 @@ def archive_of(
     return assemble(experiment, "continuum", arrays, {})
 
 
-def growth(rolling: Field, time: np.ndarray, x: np.ndarray) -> np.ndarray:
+def growth(rolling: Field, time: Floats, x: Floats) -> Floats:
     """Height (time, x) above the base: 0.01 cm/s in the mean, and only while grains roll."""
     fine = np.arange(time[0], time[-1], PERIOD / 97)
     flowing = np.cumsum(rolling(fine[:, None], x) > 0, axis=0) / len(fine)
     grown = flowing / np.maximum(flowing[-1], 1e-9) * 0.01 * time[-1]
-    return grown[np.searchsorted(fine, time).clip(max=len(fine) - 1)]
+    return np.asarray(grown[np.searchsorted(fine, time).clip(max=len(fine) - 1)])
 
 
 def wedges(
@@ -81,22 +100,56 @@ def wedges(
     Avalanches by turns get as far as each `reach`, a share of the slope.
     """
 
-    def rolling(time: np.ndarray, x: np.ndarray) -> np.ndarray:
-        flow = np.zeros(np.broadcast_shapes(time.shape, x.shape))
+    def rolling(time: Floats, x: Floats) -> Floats:
+        flow: Floats = np.zeros(np.broadcast_shapes(time.shape, x.shape))
         for late in range(2):  # periods that an avalanche may last
             cycle = time // period - late
             phase = time % period + late * period
             far = LENGTH * np.array(reach)[cycle.astype(int) % len(reach)]
             arrives, stops = x / front, far / front + (far - x) / kink
             flow += (phase > arrives) & (phase < stops)
-        return INFLOW * np.minimum(flow, 1.0)
+        return np.asarray(INFLOW * np.minimum(flow, 1.0))
 
     return rolling
 
 
 def stripes(wavelength: float, share: float = 0.5) -> Field:
+    """Layers of a wavelength [cm] that dip by 0.02, small grains in a `share` of each."""
     return lambda above, x: ((above + 0.02 * x) % wavelength > share * wavelength).astype(float)
 
 
-def calm(time: np.ndarray, x: np.ndarray) -> np.ndarray:
+def calm(time: Floats, x: Floats) -> Floats:
+    """A flow that never stops."""
     return INFLOW * (1 - x / LENGTH) + 0 * time
+
+
+def deposit_of(
+    phase: Field,
+    *,
+    share: float = 0.5,
+    noise: float = 0.0,
+    grains: bool = False,
+    thickness: float = 15.0,
+    seed: int = 1,
+) -> xr.DataArray:
+    """Coarseness (z, x) where small grains lie at the phase of a cycle below `share`, on a slope.
+
+    `phase` (height above the floor of the slope, x) counts cycles. Of `noise` the coarseness has
+    this standard deviation; of `grains`, this chance that one is of the other kind.
+    """
+    x = (np.arange(DEPOSIT_COLUMNS) + 0.5) * LENGTH / DEPOSIT_COLUMNS
+    z = np.arange(DZ / 2, 0.5 * LENGTH + thickness + 5.0, DZ)
+    above = z[:, None] - 0.5 * (LENGTH - x)
+    large = (phase(above, x) % 1.0 > share).astype(float)
+    random = np.random.default_rng(seed)
+    if grains:
+        large = np.where(random.uniform(size=large.shape) < noise, 1 - large, large)
+    else:
+        large = large + noise * random.standard_normal(large.shape)
+    inside = (above > 0) & (above < thickness)
+    return xr.DataArray(np.where(inside, large, np.nan), {"z": z, "x": x}, ("z", "x"))
+
+
+def parallel(wavelength: float, dip: float = 0.0) -> Field:
+    """The phase of layers parallel to the slope, or that dip into it by `dip`."""
+    return lambda above, x: (above + dip * (x - LENGTH / 2)) / wavelength
