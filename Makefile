@@ -16,7 +16,7 @@ DELTA := --vary mixture.delta=-0.3:0.5:33
 FIGURES := angles functions profiles onset phase
 DIAGRAMS := delta-psi delta-cross_rate delta-flux delta-composition ternary
 
-.PHONY: run test lint bench giant killed picture figures diagrams validation notebooks lock clean
+.PHONY: run test lint bench giant killed picture figures diagrams validation notebooks docs lock clean
 
 run: .venv/.run .venv/.kernels
 	@$(MAKE) --no-print-directory -j2 --output-sync $(PRESETS:%=pour/%)
@@ -80,6 +80,11 @@ diagram/%: .venv/.run .venv/.kernels
 	@echo "$*" && $(BIN)/stratify phase $(MAP) -o pours/diagrams/$*.nc --force --json > pours/diagrams/$*.json
 	@cp pours/diagrams/$*.png pours/diagrams/$*.json docs/diagrams/
 
+# The documentation, into docs/_build/html; needs no network.
+docs: .venv/.test
+	@$(BIN)/sphinx-build -W --keep-going -n -q docs docs/_build/html
+	@echo "docs/_build/html/index.html"
+
 .venv/.run: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --constraint constraints.txt --editable .
@@ -105,4 +110,4 @@ lock:
 	$(BIN)/pip freeze --exclude-editable > constraints.txt
 
 clean:
-	rm -rf .venv pours
+	rm -rf .venv pours docs/_build docs/_notebooks

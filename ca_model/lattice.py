@@ -34,16 +34,19 @@ VARIANTS = {"contacts": "threshold", "percolation": "threshold", "threshold_spre
 class Settings(Part):
     """The `[ca_model]` table of a set-up: the lattice and its rule.
 
-    Grains roll past `threshold`s, or topple one by one where a random number up to
+    Grains roll past thresholds, or topple one by one where a random number up to
     `threshold_spread` is added to them. The variants of one rule do not apply to the other.
     """
 
-    unit: Positive | None = None  # u, cm; default: the smallest diameter
-    column_width: Positive | None = None  # w, cm; default: 10 u
-    rule: Literal["threshold", "toppling"] = "threshold"
-    arrivals: ArrivalKind = "fixed"
+    unit: Positive | None = None  #: cm; u, of heights; default: the smallest diameter
+    column_width: Positive | None = None  #: cm; w; default: 10 u
+    rule: Literal["threshold", "toppling"] = "threshold"  #: which automaton
+    arrivals: ArrivalKind = "fixed"  #: what of the feed is left to chance
+    #: how often a column may touch a flow in a step, from 1 up; threshold rule only
     contacts: int | Literal["all"] = "all"
+    #: whether only the smallest species in a column touches the pile; threshold rule only
     percolation: bool = True
+    #: largest random number that is added to a threshold; toppling rule only
     threshold_spread: Annotated[int, Field(strict=True, ge=0, le=1000)] = 0
 
     @field_validator("contacts", mode="before")
@@ -67,41 +70,41 @@ class Settings(Part):
 class Rule(NamedTuple):
     """What decides on capture, in lattice units; species are numbered as in the mixture."""
 
-    grain_height: Ints  # (species,) H_a
-    threshold: Ints  # (species, surface_species): captured where s < threshold
-    smallest_first: Ints  # (species,) the species in the order in which they touch the pile
-    contacts: int  # how often a column may touch each flow in a step
-    percolation: bool  # whether only the smallest species present touches the pile
+    grain_height: Ints  #: (species,) H_a
+    threshold: Ints  #: (species, surface_species): captured where s < threshold
+    smallest_first: Ints  #: (species,) the species in the order in which they touch the pile
+    contacts: int  #: how often a column may touch each flow in a step
+    percolation: bool  #: whether only the smallest species present touches the pile
 
 
 class TopplingRule(NamedTuple):
     """What decides on toppling, in lattice units; species are numbered as in the mixture."""
 
-    grain_height: Ints  # (species,) H_a
-    threshold: Ints  # (species, surface_species) s_ab
-    spread: int  # what is added to it is 0 ... spread, all alike
+    grain_height: Ints  #: (species,) H_a
+    threshold: Ints  #: (species, surface_species) s_ab
+    spread: int  #: what is added to it is 0 ... spread, all alike
 
 
 class Ground(NamedTuple):
     """What is poured onto, in lattice units."""
 
-    height: Ints  # (column,) before pouring
-    species: int  # what the surface before pouring is made of
-    lips: tuple[int, int] | None = None  # heights of the open ends on the left and right; or walls
-    sides: int = 1  # 1: grains roll to the right only; 2: to the left as well
+    height: Ints  #: (column,) before pouring
+    species: int  #: what the surface before pouring is made of
+    lips: tuple[int, int] | None = None  #: heights of the open ends on the left and right; or walls
+    sides: int = 1  #: 1: grains roll to the right only; 2: to the left as well
 
 
 class Lattice(NamedTuple):
     """A set-up on the lattice, and what a lattice unit is in cm and s."""
 
-    rule: Rule | TopplingRule
-    ground: Ground
-    left: float  # where the first column begins, cm
-    grains_per_step: Floats  # (species,) of the mean feed, to each side
-    unit: float  # u, cm
-    column_width: float  # w, cm
-    step: float  # w / v, s
-    arrivals: ArrivalKind
+    rule: Rule | TopplingRule  #: what decides on capture, or on toppling
+    ground: Ground  #: what is poured onto
+    left: float  #: where the first column begins, cm
+    grains_per_step: Floats  #: (species,) of the mean feed, to each side
+    unit: float  #: u, cm
+    column_width: float  #: w, cm
+    step: float  #: w / v, s
+    arrivals: ArrivalKind  #: what of the feed is left to chance
 
     @property
     def columns(self) -> int:

@@ -38,13 +38,13 @@ Matrix = tuple[Values, ...]  # (rolling species, surface species)
 class Law(NamedTuple):
     """The law of a mixture; matrices are tuples of rows (rolling species, surface species)."""
 
-    repose_slope: Matrix  # 1
-    collision_rate: Matrix  # 1/s
-    cross_amplification: Matrix  # 1/s
-    smoothing: float  # 1
-    surface_depth: float  # cm
-    curvature_length: float  # cm
-    dispersion: float = 0.0  # cm2/s
+    repose_slope: Matrix  #: 1
+    collision_rate: Matrix  #: 1/s
+    cross_amplification: Matrix  #: 1/s
+    smoothing: float  #: 1
+    surface_depth: float  #: cm
+    curvature_length: float  #: cm
+    dispersion: float = 0.0  #: cm2/s
 
 
 def law_of(mixture: Mixture) -> Law:

@@ -38,9 +38,11 @@ CELLS_AT_ONCE = 2**23  # times steps
 class Resolution(Part):
     """The `[continuum]` table of a set-up: how finely the equations are solved."""
 
-    cells: Annotated[int, Field(strict=True, ge=3, le=1_000_000)] = 200
-    bins_per_depth: Annotated[int, Field(strict=True, ge=1, le=100)] = 2  # deposit bins in d
-    scheme: Literal["godunov", "muscl"] = "godunov"  # of first, of second order
+    cells: Annotated[int, Field(strict=True, ge=3, le=1_000_000)] = 200  #: in a length L
+    #: deposit bins in the surface depth d
+    bins_per_depth: Annotated[int, Field(strict=True, ge=1, le=100)] = 2
+    scheme: Literal["godunov", "muscl"] = "godunov"  #: of first, of second order
+    #: of what moves slower than the fastest species, and of slopes where the scheme is muscl
     limiter: Literal["minmod", "van_leer", "monotonized_central", "superbee"] = "van_leer"
 
     def grid(self, experiment: Experiment) -> Grid:

@@ -30,13 +30,14 @@ class Cell(Part):
     and falls towards positive x.
     """
 
-    shape: Literal["silo", "heap", "drum"] = "silo"
-    length: Positive  # cm; from the pouring point to an end, or a drum's diameter
-    end: Literal["wall", "open"] = "wall"
-    start_slope: Slope = 0.0  # 1
-    start_surface: Points | None = None  # cm; points (x, height), instead of a slope
-    start_composition: tuple[Fraction, ...] | None = None  # 1; see Experiment.start_composition
-    turning_rate: Positive | None = None  # 1/s; of a drum
+    shape: Literal["silo", "heap", "drum"] = "silo"  #: what is filled, or turned
+    length: Positive  #: cm; L, from the pouring point to an end, or a drum's diameter
+    end: Literal["wall", "open"] = "wall"  #: of a silo, or both of a heap
+    start_slope: Slope = 0.0  #: 1; of the surface before pouring
+    start_surface: Points | None = None  #: cm; points (x, height), instead of a slope
+    #: 1; of the grains before pouring; default: all of the smallest species, in a drum equal parts
+    start_composition: tuple[Fraction, ...] | None = None
+    turning_rate: Positive | None = None  #: 1/s; w, of a drum, which needs it
 
     @property
     def left(self) -> float:

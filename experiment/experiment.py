@@ -35,18 +35,19 @@ class Pour(Part):
     Pours of one seed are piles of one ensemble: each `pile` has random numbers of its own.
     """
 
-    duration: Positive  # s
-    records: Annotated[int, Field(strict=True, ge=1, le=1_000_000)] = 600  # intervals between
-    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = 0
-    pile: Annotated[int, Field(strict=True, ge=0, lt=2**62)] = 0
+    duration: Positive  #: s; how long the feed runs
+    #: intervals between records, which are one more
+    records: Annotated[int, Field(strict=True, ge=1, le=1_000_000)] = 600
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = 0  #: of what is random
+    pile: Annotated[int, Field(strict=True, ge=0, lt=2**62)] = 0  #: which of the seed's ensemble
 
 
 class Published(Part):
     """Values measured by others for this mixture, and a note on where and how."""
 
-    wavelength: Positive | None = None  # cm
-    kink_velocity: Positive | None = None  # cm/s
-    note: str = ""
+    wavelength: Positive | None = None  #: cm; of the layers, along the vertical
+    kink_velocity: Positive | None = None  #: cm/s; of kinks, uphill
+    note: str = ""  #: where and how they were measured
 
 
 def _no_feed(part: dict[str, Any]) -> Feed:
@@ -57,15 +58,16 @@ def _no_feed(part: dict[str, Any]) -> Feed:
 class Experiment(Part):
     """A mixture, the cell it is poured into, its feed, and the two models' own tables."""
 
-    title: str = Field(min_length=1)
-    mixture: Mixture
-    cell: Cell
-    feed: Feed = Field(default_factory=_no_feed)  # only a drum does without
-    pour: Pour
-    published: Published | None = None
-    uncertain: dict[str, tuple[Number, Number]] = Field(default_factory=dict)  # of any field
-    ca_model: dict[str, Any] = Field(default_factory=dict)
-    continuum: dict[str, Any] = Field(default_factory=dict)
+    title: str = Field(min_length=1)  #: what tables and pictures call it
+    mixture: Mixture  #: the grains and the law of their flow
+    cell: Cell  #: what is filled
+    feed: Feed = Field(default_factory=_no_feed)  #: what is poured; only a drum does without
+    pour: Pour  #: for how long, what is recorded
+    published: Published | None = None  #: numbers to compare with
+    #: lowest and highest value of a field that is not well known, by its path
+    uncertain: dict[str, tuple[Number, Number]] = Field(default_factory=dict)
+    ca_model: dict[str, Any] = Field(default_factory=dict)  #: the lattice model's own table
+    continuum: dict[str, Any] = Field(default_factory=dict)  #: the continuum's own table
 
     @classmethod
     def from_toml(cls, text: str, settings: Sequence[str] = ()) -> Self:

@@ -31,16 +31,17 @@ def _average_of_table(part: dict[str, Any]) -> tuple[float, ...]:
 
 
 class Feed(Part):
-    """A feed R_a^0 and its schedule. Models ask :meth:`mean_thickness` over their own steps.
+    """A feed R_a^0, and how it varies.
 
     `inflow` is given for every schedule but a table, whose average it is. Beside it,
     `total_inflow` [cm] scales it to this sum R0, its composition kept, and `share_2` sets what
     part of that sum is species 2, of two. Neither touches what a schedule adds to `inflow`.
     """
 
-    schedule: Schedule = Constant()
-    source: Source | None = None  # where it falls; default: at x = 0
-    inflow: tuple[NonNegative, ...] = Field(default_factory=_average_of_table, min_length=1)  # cm
+    schedule: Schedule = Constant()  #: how the feed varies in time
+    source: Source | None = None  #: where it falls; default: at x = 0
+    #: cm; R_a^0, rolling thickness of each species at the source; default: the mean of a table
+    inflow: tuple[NonNegative, ...] = Field(default_factory=_average_of_table, min_length=1)
 
     def thickness(self, times: Floats) -> Floats:
         """Rolling thickness R_a [cm] at the source: (time, species) for times (time,) [s]."""
@@ -49,7 +50,7 @@ class Feed(Part):
     def mean_thickness(self, edges: Floats) -> Floats:
         """R_a [cm] at the source, averaged between successive `edges` (time + 1,) [s].
 
-        An array (time, species).
+        An array (time, species), which models ask for over their own steps.
         """
         return self.schedule.mean_thickness(np.array(self.inflow), edges)
 

@@ -40,16 +40,19 @@ class Mixture(Part):
     parameters of a matrix that is given. `cross_rate` sets every collision rate of unlike grains.
     """
 
+    #: what the species are called; as many as there are species
     names: tuple[str, ...] = Field(min_length=1)
-    grain_diameter: tuple[Positive, ...] = Field(min_length=1)  # cm
-    drift_velocity: tuple[Positive, ...]  # cm/s; one number serves all species
-    repose_slope: SlopeMatrix  # 1
-    collision_rate: RateMatrix | None = None  # 1/s; the continuum needs it
-    cross_amplification: RateMatrix | None = None  # 1/s; BdG's constant rates mu, diagonal 0
-    dispersion: NonNegative = 0.0  # cm2/s; D, diffusion of the rolling layer
-    smoothing: NonNegative = 0.0  # 1; width over which P(z) bends
-    surface_depth: Positive = Field(default_factory=_mean_diameter)  # cm
-    curvature_length: NonNegative = Field(default_factory=_mean_diameter)  # cm
+    grain_diameter: tuple[Positive, ...] = Field(min_length=1)  #: cm; d_a
+    drift_velocity: tuple[Positive, ...]  #: cm/s; v_a; one number serves all species
+    repose_slope: SlopeMatrix  #: 1; theta_ab of rolling a on a surface of b; see the shorthands
+    collision_rate: RateMatrix | None = None  #: 1/s; gamma_ab; the continuum needs it
+    cross_amplification: RateMatrix | None = None  #: 1/s; BdG's constant rates mu, diagonal 0
+    dispersion: NonNegative = 0.0  #: cm2/s; D, diffusion of the rolling layer
+    smoothing: NonNegative = 0.0  #: 1; width over which P(z) bends
+    #: cm; d, thickness of the surface layer; default: the mean diameter
+    surface_depth: Positive = Field(default_factory=_mean_diameter)
+    #: cm; l of the curvature term; default: the mean diameter
+    curvature_length: NonNegative = Field(default_factory=_mean_diameter)
 
     @classmethod
     def two_species(

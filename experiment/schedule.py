@@ -47,16 +47,16 @@ class Variation(Part):
 class Constant(Variation):
     """The same feed at all times."""
 
-    kind: Literal["constant"] = "constant"
+    kind: Literal["constant"] = "constant"  #: of schedule
 
 
 class Pulses(Variation):
     """Another feed during the first `share` of each period."""
 
-    kind: Literal["pulses"] = "pulses"
-    period: Positive  # s
-    share: Annotated[float, Field(strict=True, gt=0, lt=1)]  # 1
-    inflow: Row  # cm
+    kind: Literal["pulses"] = "pulses"  #: of schedule
+    period: Positive  #: s; T, from pulse to pulse
+    share: Annotated[float, Field(strict=True, gt=0, lt=1)]  #: 1; of each period that is pulse
+    inflow: Row  #: cm; R_a in a pulse
 
     def thickness(self, base: Floats, times: Floats) -> Floats:
         """The pulse's inflow in a pulse, R_a^0 between."""
@@ -83,9 +83,9 @@ class Pulses(Variation):
 class Sine(Variation):
     """A feed that swings about its mean."""
 
-    kind: Literal["sine"] = "sine"
-    period: Positive  # s
-    amplitude: tuple[Number, ...]  # cm, one a species
+    kind: Literal["sine"] = "sine"  #: of schedule
+    period: Positive  #: s; T
+    amplitude: tuple[Number, ...]  #: cm; one a species, at most its inflow in size
 
     def thickness(self, base: Floats, times: Floats) -> Floats:
         """R_a^0 and its swing."""
@@ -116,9 +116,9 @@ class Sine(Variation):
 class Table(Variation):
     """A feed that is given at some times: a row of `inflow` for each `time`."""
 
-    kind: Literal["table"] = "table"
-    time: tuple[NonNegative, ...]  # s
-    inflow: tuple[Row, ...]  # cm, a row for each time
+    kind: Literal["table"] = "table"  #: of schedule
+    time: tuple[NonNegative, ...]  #: s; 2 or more, that grow from 0 on
+    inflow: tuple[Row, ...]  #: cm; R_a, a row for each time
 
     @property
     def average(self) -> tuple[float, ...]:

@@ -17,9 +17,9 @@ class Source(Part):
     It stays at the last place, or begins again if it `repeats`.
     """
 
-    time: tuple[NonNegative, ...]  # s
-    x: tuple[Number, ...]  # cm
-    repeats: bool = False
+    time: tuple[NonNegative, ...]  #: s; 2 or more, that grow from 0 on
+    x: tuple[Number, ...]  #: cm; above the cell, one a time
+    repeats: bool = False  #: whether it begins again after the last time
 
     def position(self, times: Floats) -> Floats:
         """The spout's x [cm] at `times` (time,) [s]."""

@@ -49,11 +49,11 @@ def poured_step(x: Floats, velocity: float, dispersion: float, time: float) -> F
 class ClimbingWave:
     """A wave of fixed shape; it exists where :meth:`thickness` is below c / gamma."""
 
-    climb: float  # c, cm/s
-    velocity: float  # v, cm/s
-    rate: float  # gamma, 1/s
-    faint_excess: float  # K: theta - theta_r where R vanishes
-    gap: float  # g > 0: how far the wave stays below c / gamma at xi = 0
+    climb: float  #: c, cm/s
+    velocity: float  #: v, cm/s
+    rate: float  #: gamma, 1/s
+    faint_excess: float  #: K: theta - theta_r where R vanishes
+    gap: float  #: g > 0: how far the wave stays below c / gamma at xi = 0
 
     def thickness(self, x: Floats, time: float) -> Floats:
         """R (cell,) [cm]; NaN where there is no such wave."""

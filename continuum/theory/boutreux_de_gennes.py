@@ -27,9 +27,9 @@ __all__ = ["MinimalModel", "minimal_model_of"]
 class MinimalModel:
     """How the steeper species thins out towards the wall."""
 
-    length: float  # L, cm
-    size_drive: float  # A = psi gamma L / v
-    exchange: float  # B = mu L / v
+    length: float  #: L, cm
+    size_drive: float  #: A = psi gamma L / v
+    exchange: float  #: B = mu L / v
 
     @property
     def exponent(self) -> float:

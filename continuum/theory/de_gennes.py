@@ -30,11 +30,11 @@ __all__ = ["Drum", "Silo", "drum_of", "silo_of"]
 class Silo:
     """A silo that fills; x (cell,) [cm] is the distance from the pouring point."""
 
-    length: float  # L, cm
-    inflow: float  # R0, cm
-    velocity: float  # v, cm/s
-    rate: float  # gamma, 1/s
-    repose_slope: float  # theta_r
+    length: float  #: L, cm
+    inflow: float  #: R0, cm
+    velocity: float  #: v, cm/s
+    rate: float  #: gamma, 1/s
+    repose_slope: float  #: theta_r
 
     @property
     def rise_velocity(self) -> float:
@@ -54,11 +54,11 @@ class Silo:
 class Drum:
     """A half-filled thin drum; x (cell,) [cm] is the distance downhill from its axis, |x| < a."""
 
-    radius: float  # a, cm
-    turning_rate: float  # w, 1/s
-    velocity: float  # v, cm/s
-    rate: float  # gamma, 1/s
-    repose_slope: float  # theta_r
+    radius: float  #: a, cm
+    turning_rate: float  #: w, 1/s
+    velocity: float  #: v, cm/s
+    rate: float  #: gamma, 1/s
+    repose_slope: float  #: theta_r
 
     def rolling_thickness(self, x: Floats) -> Floats:
         """R (cell,) [cm]."""

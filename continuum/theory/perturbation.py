@@ -31,10 +31,10 @@ __all__ = ["Perturbation", "perturbation_of"]
 class Perturbation:
     """The flow of large grains over a patch of their own kind."""
 
-    velocity: float  # v, cm/s
-    added_velocity: float  # v', cm/s
-    reach: float  # l, cm
-    growth_rate: float  # -gamma delta, 1/s; of the flow over the patch
+    velocity: float  #: v, cm/s
+    added_velocity: float  #: v', cm/s
+    reach: float  #: l, cm
+    growth_rate: float  #: -gamma delta, 1/s; of the flow over the patch
 
     @property
     def exponent(self) -> float:

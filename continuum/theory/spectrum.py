@@ -56,10 +56,10 @@ FAR_OFF = 1e6  # no slope, fraction or thickness is
 class Spectrum(NamedTuple):
     """The steady pile on its grid and its leading modes; fields R_a, all phi_a but one, theta."""
 
-    x: Floats  # (cell,) cm; the cells' middles
-    steady: Floats  # (cell, field) R_a [cm] and theta [1] at the downhill edges
-    growth_rate: Complexes  # (mode,) 1/s, by falling real part
-    mode: Complexes  # (mode, cell, field)
+    x: Floats  #: (cell,) cm; the cells' middles
+    steady: Floats  #: (cell, field) R_a [cm] and theta [1] at the downhill edges
+    growth_rate: Complexes  #: (mode,) 1/s, by falling real part
+    mode: Complexes  #: (mode, cell, field)
 
 
 def growth_rates(experiment: Experiment, count: int = 6) -> Complexes:

@@ -41,11 +41,11 @@ __all__ = ["SimplifiedSteadyState", "SteadyState", "steady_state_of"]
 class SteadyState:
     """The closed form for one set-up; every method takes distances x (cell,) [cm]."""
 
-    length: float  # L, cm
-    inflow: tuple[float, float]  # R1_0, R2_0, cm
-    velocity: float  # v, cm/s
-    rate: float  # gamma, 1/s
-    cross_rate: float  # gamma_21, 1/s
+    length: float  #: L, cm
+    inflow: tuple[float, float]  #: R1_0, R2_0, cm
+    velocity: float  #: v, cm/s
+    rate: float  #: gamma, 1/s
+    cross_rate: float  #: gamma_21, 1/s
     theta_11: float
     theta_22: float
     psi: float

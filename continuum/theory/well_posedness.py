@@ -51,9 +51,9 @@ COMPOSITIONS = 2001  # scanned for the balance of two species
 class UniformFlow(NamedTuple):
     """A uniform flow on an endless slope; arrays are (species,)."""
 
-    rolling: Floats  # R_a, cm
-    fraction: Floats  # phi_a, 1
-    slope: float  # s, 1
+    rolling: Floats  #: R_a, cm
+    fraction: Floats  #: phi_a, 1
+    slope: float  #: s, 1
 
 
 class Response(NamedTuple):
