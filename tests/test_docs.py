@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
@@ -58,6 +59,16 @@ def test_the_tutorial_prints_what_it_shows(try_out: Callable[[Example], str]) ->
 def test_the_recipes_work(page: Path, try_out: Callable[[Example], str]) -> None:
     for example in examples(page):
         try_out(example)
+
+
+def test_the_documentation_builds_without_a_warning(tmp_path: Path) -> None:
+    building = subprocess.run(
+        [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-n", "-q", DOCS, tmp_path],
+        capture_output=True,
+        text=True,
+    )
+    assert building.returncode == 0, building.stderr
+    assert "wavelength" in (tmp_path / "results.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
