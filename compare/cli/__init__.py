@@ -13,6 +13,7 @@ BAD_INPUT = 2
 VERBS = [  # each a command in the module of its name
     "compare",
     "converge",
+    "explore",
     "measure",
     "phase",
     "pour",
