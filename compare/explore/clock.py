@@ -23,13 +23,26 @@ class Clock:
         """Stand still."""
         self.playing = False
 
+    def toggle(self) -> None:
+        """Pause what plays, play what stands still."""
+        if self.playing:
+            self.pause()
+        else:
+            self.play()
+
+    def restart(self) -> None:
+        """Play from the first grain."""
+        self.turn(0.0)
+        self.play()
+
     def turn(self, share: float) -> None:
         """Set it to a `share`; what plays, plays on from there."""
         self.share = min(max(share, 0.0), 1.0)
 
-    def tick(self, seconds: float) -> None:
-        """So many seconds have passed on the wall."""
+    def tick(self, seconds: float) -> bool:
+        """So many seconds have passed on the wall: whether that moved it."""
         if not self.playing:
-            return
+            return False
         self.turn(self.share + seconds / self.lasts)
         self.playing = self.share < 1.0
+        return True

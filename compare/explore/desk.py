@@ -131,22 +131,20 @@ class Desk:
         """Say what is expected, and see it poured."""
         self._guess = guess
         self.stage = Stage.RUNNING
-        self.clock.turn(0.0)
-        self.clock.play()
+        self.clock.restart()
 
     @property
     def due(self) -> bool:
         """Whether a prediction runs, and its pour is over."""
         return self.stage is Stage.RUNNING and self.clock.share >= 1.0 and self.wanted is None
 
-    def judge(self) -> Try | None:
-        """The verdict that is due, which is kept; None where none is."""
-        if not self.due or self.pours is None or self._guess is None:
-            return None
-        verdicts = judge(self._guess, self.pours.measure(1.0))
-        self.tries.append(Try(self.setup.mixture.delta, self._guess, verdicts))
-        self.stage = Stage.JUDGED
-        return self.tries[-1]
+    def judge(self) -> list[Try]:
+        """All tries, with the one that is due."""
+        if self.due and self.pours is not None and self._guess is not None:
+            verdicts = judge(self._guess, self.pours.measure(1.0))
+            self.tries.append(Try(self.setup.mixture.delta, self._guess, verdicts))
+            self.stage = Stage.JUDGED
+        return self.tries
 
     def _hide_again(self) -> None:
         """Another set-up is another riddle."""

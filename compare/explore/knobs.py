@@ -58,7 +58,7 @@ KNOBS = {
         Knob("diameter_2", "size of large grains (mm)", _diameter(1), 0.4, 2.0, 0.05, True),
         Knob(
             "total_inflow",
-            "flux, R0 (cm)",
+            "flux: what rolls in, R0 (cm)",
             lambda setup: math.fsum(setup.feed.inflow),
             0.2,
             4.0,

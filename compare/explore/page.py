@@ -1,14 +1,14 @@
-"""The page: the desk's knobs, both piles, their numbers, the player and the predictions.
+"""The page: what a visitor does goes to the desk, and what is on the desk is shown.
 
-What is slow, pours and measurements, is done by WORKERS, of which all visitors share a few; their
-results come back between two events of the visitor's own document.
+Panel calls back without the lock of the document, which pictures need: so callbacks change the
+desk only, and the next tick, which has the lock, shows it. What is slow, pours and measurements, is
+done by WORKERS, of which all visitors share a few.
 """
 
 import math
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
-from importlib.resources import files
 from io import StringIO
 from random import Random
 from time import monotonic
@@ -19,20 +19,18 @@ from bokeh.io import curdoc
 
 from compare.campaign import POUR
 from compare.explore import words
+from compare.explore.controls import PREDICT, Controls
 from compare.explore.desk import Desk, Stage
 from compare.explore.knobs import KNOBS
 from compare.explore.pours import Numbers, Pours
-from compare.explore.prediction import PATTERNS, Guess
+from compare.explore.prediction import Guess
 from compare.explore.view import Pile, Window
 from experiment import StratifyError
 
 __all__ = ["WORKERS", "Page"]
 
 WORKERS = ThreadPoolExecutor(2, "pours")
-PERIOD = 100  # ms, from picture to picture
-PACES = {"in 15 s": 15.0, "in 30 s": 30.0, "in 60 s": 60.0}
-STYLE = files(__package__).joinpath("page.css").read_text(encoding="utf-8")
-EXPLORE, PREDICT = "Explore", "Predict, then run"
+PERIOD = 80  # ms, from picture to picture
 
 
 class Page:
@@ -42,302 +40,155 @@ class Page:
         self.desk = Desk()
         self.window = Window()
         self.piles = {model: Pile(self.window, model) for model in POUR}
+        self.controls = Controls({setup.title: name for name, setup in self.desk.presets.items()})
+        self.layout: pn.Row = self.controls.lay_out(self.piles)
         self._random = Random()  # noqa: S311
         self._quiet = False  # while the page itself moves what the visitor could
-        self._busy: dict[str, bool] = {"pour": False, "measure": False}
+        self._changed = self._moved = True  # the set-up, the clock: since it was shown
+        self._at_work: dict[str, Future[Any]] = {}
         self._last = monotonic()
-        self._make_knobs()
-        self._make_player()
-        self._make_prediction()
-        self.told = {model: _text(name=f"numbers-{model}") for model in POUR}
-        self.delta, self.key, self.sizes, self.complaint = (_text() for _ in range(4))
-        self.layout = self._lay_out()
+        self._listen()
         self._show_setup()
-        self._document = curdoc()
-        self._pour()
-        pn.state.add_periodic_callback(self._tick, period=PERIOD)
-
-    def _make_knobs(self) -> None:
-        titles = {setup.title: name for name, setup in self.desk.presets.items()}
-        self.preset = pn.widgets.Select(
-            name="preset", options=titles, value=self.desk.preset, **_full()
-        )
-        self.preset.param.watch(self._heard(self._choose), "value")
-        self.knobs = {
-            name: pn.widgets.FloatSlider(
-                name=knob.label, format="0[.]000", tooltips=False, css_classes=[name], **_full()
-            )
-            for name, knob in KNOBS.items()
-        }
-        for name, slider in self.knobs.items():
-            slider.param.watch(self._heard(partial(self._turn, name)), "value")
-        self.download = pn.widgets.FileDownload(
-            callback=lambda: StringIO(self.desk.toml),
-            filename="setup.toml",
-            label="Save set-up (TOML)",
-            **_full(),
-        )
-
-    def _make_player(self) -> None:
-        self.play = pn.widgets.Button(name="▶ Play", button_type="primary", width=130, **_styled())
-        self.again = pn.widgets.Button(name="From the start", width=130, **_styled())
-        self.time = pn.widgets.FloatSlider(
-            name="time (s)", format="0.0", tooltips=False, css_classes=["time"], **_full()
-        )
-        self.pace = pn.widgets.Select(
-            name="whole pour", options=PACES, value=self.desk.clock.lasts, width=110, **_styled()
-        )
-        self.play.on_click(lambda _: self._play())
-        self.again.on_click(lambda _: self._restart())
-        self.time.param.watch(self._heard(self._scrub), "value")
-        self.pace.param.watch(self._heard(self._set_pace), "value")
-
-    def _make_prediction(self) -> None:
-        self.mode = pn.widgets.RadioButtonGroup(
-            name="mode", options=[EXPLORE, PREDICT], value=EXPLORE, **_full()
-        )
-        self.pattern = pn.widgets.RadioBoxGroup(
-            name="What will be laid?", options=list(PATTERNS), inline=True, width=280, **_styled()
-        )
-        self.wavelength = pn.widgets.FloatInput(
-            name="wavelength (cm), a guess", start=0.0, value=None, width=170, **_styled()
-        )
-        self.run = pn.widgets.Button(name="Run", button_type="primary", width=90, **_styled())
-        self.draw = pn.widgets.Button(name="Draw a set-up", width=130, **_styled())
-        self.verdict, self.scores = _text(), _text()
-        self.mode.param.watch(self._heard(self._set_mode), "value")
-        self.run.on_click(lambda _: self._run())
-        self.draw.on_click(lambda _: self._draw())
-
-    def _lay_out(self) -> pn.Row:
-        asked = pn.Row(
-            pn.Column(_text("<b>What will be laid?</b>"), self.pattern, width=290),
-            self.wavelength,
-            self.run,
-            self.draw,
-            self.verdict,
-            css_classes=["predict"],
-            sizing_mode="stretch_width",
-            visible=False,
-            **_styled(),
-        )
-        self.asked = asked
-        desk = pn.Column(
-            _text("<h1>stratify</h1>"),
-            self.mode,
-            self.preset,
-            *self.knobs.values(),
-            self.sizes,
-            self.download,
-            self.scores,
-            css_classes=["desk"],
-            width=310,
-            sizing_mode="stretch_height",
-            scroll=True,
-            **_styled(),
-        )
-        piles = [
-            pn.Column(
-                self.told[model],
-                pn.pane.Bokeh(pile.figure, sizing_mode="stretch_both", min_height=150),
-                sizing_mode="stretch_both",
-            )
-            for model, pile in self.piles.items()
-        ]
-        player = pn.Row(
-            self.play, self.again, self.time, self.pace, sizing_mode="stretch_width", **_styled()
-        )
-        main = pn.Column(
-            self.delta,
-            self.complaint,
-            asked,
-            pn.Row(*piles, sizing_mode="stretch_both"),
-            self.key,
-            player,
-            css_classes=["main"],
-            sizing_mode="stretch_both",
-            **_styled(),
-        )
-        return pn.Row(desk, main, sizing_mode="stretch_both", css_classes=["page"], **_styled())
+        curdoc().add_periodic_callback(self._tick, PERIOD)
 
     # What the visitor does
 
-    def _heard(self, act: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Does `act` with the new value, where it is the visitor who changed it."""
+    def _listen(self) -> None:
+        desk, controls = self.desk, self.controls
+        self._heed(controls.preset, desk.choose)
+        for name, slider in controls.knobs.items():
+            self._heed(slider, partial(desk.turn, name))
+        self._heed(controls.mode, lambda mode: desk.predict(on=mode == PREDICT))
+        self._heed(controls.pattern, lambda _: None)
+        self._heed(controls.time, lambda seconds: desk.clock.turn(seconds / controls.time.end))
+        self._heed(controls.pace, lambda lasts: setattr(desk.clock, "lasts", lasts))
+        self._press(controls.play, desk.clock.toggle)
+        self._press(controls.again, desk.clock.restart)
+        self._press(controls.run, lambda: desk.run(self._guess()))
+        self._press(controls.draw, lambda: desk.draw(self._random))
+        controls.save.callback = lambda: StringIO(desk.toml)
+
+    def _heed(self, widget: pn.widgets.Widget, act: Callable[[Any], object]) -> None:
+        """Do `act` with each new value that the visitor gives."""
 
         def hear(event: Any) -> None:
             if not self._quiet:
                 act(event.new)
+                self._changed = True
 
-        return hear
+        widget.param.watch(hear, "value")
 
-    def _choose(self, preset: str) -> None:
-        self.desk.choose(preset)
-        self._changed()
+    def _press(self, button: pn.widgets.Button, act: Callable[[], object]) -> None:
+        def hear(_: object) -> None:
+            act()
+            self._changed = True
 
-    def _turn(self, name: str, value: float) -> None:
-        self.desk.turn(name, value)
-        self._changed()
+        button.on_click(hear)
 
-    def _draw(self) -> None:
-        self.desk.draw(self._random)
-        self._changed()
-
-    def _changed(self) -> None:
-        self._show_setup()
-        self._show_moment()
-        self._pour()
-
-    def _play(self) -> None:
-        clock = self.desk.clock
-        if clock.playing:
-            clock.pause()
-        else:
-            clock.play()
-        self._show_moment()
-
-    def _restart(self) -> None:
-        self.desk.clock.turn(0.0)
-        self.desk.clock.play()
-        self._show_moment()
-
-    def _scrub(self, seconds: float) -> None:
-        if self.desk.pours is not None:
-            self.desk.clock.turn(seconds / self.time.end)
-            self._show_moment()
-
-    def _set_pace(self, lasts: float) -> None:
-        self.desk.clock.lasts = lasts
-
-    def _set_mode(self, mode: str) -> None:
-        self.desk.predict(on=mode == PREDICT)
-        self._show_setup()
-        self._show_moment()
-
-    def _run(self) -> None:
-        value = self.wavelength.value
-        self.desk.run(Guess(self.pattern.value, math.nan if value is None else value))
-        self._show_setup()
-        self._show_moment()
+    def _guess(self) -> Guess:
+        wavelength = self.controls.wavelength.value
+        return Guess(self.controls.pattern.value, math.nan if wavelength is None else wavelength)
 
     # What takes its time
 
-    def _pour(self) -> None:
-        setup = self.desk.wanted
-        if setup is not None:
-            self._work("pour", partial(Pours, setup), self._take)
-
-    def _take(self, pours: Pours) -> None:
-        self.desk.take(pours)
-        piles = list(pours.of.values())
-        self.window.fit(piles)
-        for model, pile in pours.of.items():
-            self.piles[model].show(pile)
-        self._show_setup()
-        self._show_moment()
-        self._pour()
-
-    def _measure(self) -> None:
-        pours, share = self.desk.pours, self.desk.clock.share
-        if pours is not None and self._numbers() is None:
-            self._work("measure", partial(pours.measure, share), lambda _: self._show_moment())
-
-    def _numbers(self) -> dict[str, Numbers] | None:
-        """What is known of both piles as far as they have come."""
-        if self.desk.pours is None:
+    def _work(self, kind: str, work: Callable[[], Any]) -> Any:
+        """What comes of `work`, done by a worker, of each kind one at a time; None before it is."""
+        if kind not in self._at_work:
+            self._at_work[kind] = WORKERS.submit(work)
+        if not self._at_work[kind].done():
             return None
-        known = {m: p.known(self.desk.clock.share) for m, p in self.desk.pours.of.items()}
-        told = {model: numbers for model, numbers in known.items() if numbers is not None}
-        return told if len(told) == len(known) else None
+        return self._at_work.pop(kind).result()
 
-    def _work(self, kind: str, work: Callable[[], Any], then: Callable[[Any], None]) -> None:
-        """Have it done by a worker, unless one is at it; what comes of it is shown."""
-        if self._busy[kind]:
+    def _pour(self) -> None:
+        """Have poured what is wanted, and take it."""
+        if self.desk.wanted is None and "pour" not in self._at_work:
             return
-        self._busy[kind] = True
-
-        def back(done: "Future[Any]") -> None:
-            self._document.add_next_tick_callback(partial(self._back, kind, then, done))
-
-        WORKERS.submit(work).add_done_callback(back)
-
-    def _back(self, kind: str, then: Callable[[Any], None], done: "Future[Any]") -> None:
-        self._busy[kind] = False
         try:
-            result = done.result()
+            pours = self._work("pour", partial(Pours, self.desk.setup))
         except (StratifyError, MemoryError) as error:
             self.desk.refuse(str(error))
-            self._show_setup()
+            self._changed = True
             return
-        then(result)
+        if pours is None:
+            return
+        self.desk.take(pours)
+        self.window.fit(list(pours.of.values()))
+        for model, pile in pours.of.items():
+            self.piles[model].show(pile)
+        self._changed = True
+
+    def _numbers(self) -> dict[str, Numbers] | None:
+        """What is measured of both piles as far as they have come; None until it is."""
+        pours, share = self.desk.pours, self.desk.clock.share
+        if pours is None:
+            return None
+        if pours.known(share) is None:
+            self._work("measure", partial(pours.measure, share))
+        return pours.known(share)
 
     # What is shown
 
     def _tick(self) -> None:
         now = monotonic()
         passed, self._last = now - self._last, now
-        if self.desk.pours is None or not self.desk.clock.playing:
+        self._pour()
+        if self.desk.pours is None:
             return
-        self.desk.clock.tick(passed)
-        self._show_moment()
+        self._moved |= self.desk.clock.tick(passed)
+        if self._changed:
+            self._show_setup()
+        if self._moved or self._changed:
+            self._show_piles()
+        self._show_numbers()
+        self._changed = self._moved = False
 
     def _show_setup(self) -> None:
-        """Everything that a change of the set-up changes, but the piles."""
-        desk = self.desk
+        desk, controls = self.desk, self.controls
+        hidden = desk.stage is Stage.OPEN
+        self._show_knobs()
+        controls.delta.object = words.delta_told(desk.setup, hidden=hidden)
+        controls.complaint.object = words.complaint_told(desk.complaint)
+        controls.complaint.visible = bool(desk.complaint)
+        controls.prediction.visible = desk.stage is not Stage.NONE
+        controls.run.disabled = not hidden or controls.pattern.value is None
+        for control in (controls.play, controls.again, controls.time):
+            control.disabled = hidden
+        if desk.pours is not None:
+            controls.key.object = words.key_told(desk.setup, self.piles["ca_model"].exaggeration)
+            controls.sizes.object = words.sizes_told(desk.setup, desk.pours.of["ca_model"])
+
+    def _show_knobs(self) -> None:
+        desk, controls = self.desk, self.controls
         self._quiet = True
-        for name, slider in self.knobs.items():
+        controls.preset.value = desk.preset
+        for name, slider in controls.knobs.items():
             low, high, step = KNOBS[name].range_of(desk.presets[desk.preset])
             slider.param.update(start=low, end=high, step=step, value=desk.knob(name))
         if desk.pours is not None:
-            self.time.param.update(end=next(iter(desk.pours.of.values())).duration)
+            controls.time.end = desk.pours.duration
         self._quiet = False
-        self.delta.object = words.delta_told(desk.setup)
-        self.complaint.object = f'<p class="complaint" role="alert">{desk.complaint}</p>'
-        self.complaint.visible = bool(desk.complaint)
-        hidden = desk.stage is Stage.OPEN
-        predicting = desk.stage is not Stage.NONE
-        self.asked.visible = predicting
-        self.run.disabled = not hidden
-        self.play.disabled = self.again.disabled = self.time.disabled = hidden
-        if desk.stage is not Stage.JUDGED:
-            self.verdict.object = ""
-        if desk.pours is not None:
-            self.key.object = words.key_told(desk.setup, self.piles["ca_model"].exaggeration)
-            self.sizes.object = words.sizes_told(desk.setup, desk.pours.of["ca_model"])
 
-    def _show_moment(self) -> None:
-        """The piles at the time of the clock, and what is measured so far."""
-        desk, pours = self.desk, self.desk.pours
-        self.play.name = "❚❚ Pause" if desk.clock.playing else "▶ Play"
-        if pours is None:
+    def _show_piles(self) -> None:
+        desk, controls = self.desk, self.controls
+        if desk.pours is None:
             return
-        share = desk.clock.share
+        controls.play.name = "❚❚ Pause" if desk.clock.playing else "▶ Play"
         self._quiet = True
-        self.time.value = min(share * self.time.end, self.time.end)
+        controls.time.value = desk.clock.share * controls.time.end
         self._quiet = False
-        numbers, hidden = self._numbers(), desk.stage is Stage.OPEN
-        for model, pile in pours.of.items():
-            self.piles[model].show_at(pile, pile.at(share))
-            if numbers is not None or hidden:
-                found = None if numbers is None else numbers[model]
-                self.told[model].object = words.numbers_told(
-                    pile, found, hidden=hidden, over=share >= 1.0
-                )
-        self._measure()
-        if numbers is not None and desk.due:
-            verdict = desk.judge()
-            if verdict is not None:
-                self.verdict.object = words.verdict_told(verdict)
-                self.scores.object = words.scores_told(desk.tries)
+        for model, pile in desk.pours.of.items():
+            self.piles[model].show_at(pile, pile.at(desk.clock.share))
 
-
-def _styled() -> dict[str, Any]:
-    return {"stylesheets": [STYLE]}
-
-
-def _full() -> dict[str, Any]:
-    return {"sizing_mode": "stretch_width"} | _styled()
-
-
-def _text(html: str = "", **how: Any) -> pn.pane.HTML:
-    return pn.pane.HTML(html, sizing_mode="stretch_width", **how, **_styled())
+    def _show_numbers(self) -> None:
+        desk, numbers = self.desk, self._numbers()
+        if desk.pours is None or numbers is None:
+            return
+        if desk.due:
+            self.controls.scores.object = words.scores_told(desk.judge())
+        verdicts = desk.tries[-1].verdicts if desk.stage is Stage.JUDGED else {}
+        for model, pile in desk.pours.of.items():
+            found = None if desk.stage is Stage.OPEN else numbers[model]
+            verdict = verdicts.get(model)
+            told = words.numbers_told(pile, found, verdict)
+            if self.controls.numbers[model].object != told:
+                self.controls.numbers[model].object = told

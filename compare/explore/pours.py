@@ -53,7 +53,7 @@ class Poured:
         return self.course.at(share * self.duration)
 
     def known(self, share: float) -> Numbers | None:
-        """What :meth:`measure` would tell, if it has been measured there; else None."""
+        """What :meth:`measure` tells, if it has been measured there; else None."""
         return self._told.get(int(share * STEPS))
 
     def measure(self, share: float) -> Numbers:
@@ -77,6 +77,17 @@ class Pours:
     def __init__(self, setup: Experiment) -> None:
         self.setup = setup
         self.of = {model: Poured(pour(setup)) for model, pour in POUR.items()}
+
+    @property
+    def duration(self) -> float:
+        """How long both poured [s]."""
+        return max(poured.duration for poured in self.of.values())
+
+    def known(self, share: float) -> dict[str, Numbers] | None:
+        """What :meth:`measure` would tell, if it has been measured there; else None."""
+        told = {model: poured.known(share) for model, poured in self.of.items()}
+        known = {model: numbers for model, numbers in told.items() if numbers is not None}
+        return known if len(known) == len(told) else None
 
     def measure(self, share: float) -> dict[str, Numbers]:
         """What the instrument tells of each when this `share` of it is over."""

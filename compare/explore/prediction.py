@@ -31,6 +31,7 @@ class Guess(NamedTuple):
 class Verdict(NamedTuple):
     """How a guess stands beside what one model laid."""
 
+    guess: Guess
     found: Numbers
     pattern: bool
     wavelength: bool | None  # None: there was none to be right about
@@ -69,6 +70,6 @@ def _verdict(guess: Guess, found: Numbers) -> Verdict:
     pattern = found.regime in PATTERNS[guess.pattern]
     told = guess.pattern == "layers" and math.isfinite(guess.wavelength)
     if not (pattern and told and math.isfinite(found.wavelength)):
-        return Verdict(found, pattern, None)
+        return Verdict(guess, found, pattern, None)
     near = abs(guess.wavelength - found.wavelength) <= WITHIN * found.wavelength
-    return Verdict(found, pattern, near)
+    return Verdict(guess, found, pattern, near)

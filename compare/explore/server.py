@@ -9,7 +9,8 @@ import panel as pn
 from bokeh.server.server import Server
 from bokeh.settings import settings
 
-from compare.explore.page import STYLE, WORKERS, Page
+from compare.explore.controls import STYLE
+from compare.explore.page import WORKERS, Page
 from experiment import SetupError
 
 __all__ = ["serve"]
@@ -40,7 +41,8 @@ def serve(address: str, port: int, announce: Callable[[str], object], *, show: b
         ) from None
     port = server.port or port
     settings.allowed_ws_origin = _origins(address, port)
-    logging.getLogger("bokeh").setLevel(logging.ERROR)
+    for name in ("bokeh", "panel"):
+        logging.getLogger(name).setLevel(logging.ERROR)
     announce(f"http://{_host(address)}:{port}/")
     if show:
         server.io_loop.add_callback(server.show, "/")

@@ -25,6 +25,7 @@ AIR, GROUND = "#eef1f5", "#c4c8ce"
 PALETTE = cividis(SHADES)
 SMALL, LARGE = PALETTE[0], PALETTE[-1]
 BAND = 0.05  # of the window's height that the feed should seem to be thick
+WALL = 0.015  # of the window's width
 NICE = (1, 2, 5, 10, 20, 50, 100)
 
 
@@ -33,11 +34,12 @@ class Window:
 
     def __init__(self) -> None:
         self.x, self.z = Range1d(start=0.0, end=1.0), Range1d(start=0.0, end=1.0)
-        self.height = 1.0
+        self.wall = self.height = 1.0
 
     def fit(self, piles: list[Poured]) -> None:
         """As wide and as high as the larger of these piles."""
-        self.x.end = max(edges(pile.course.x)[1] for pile in piles)
+        self.wall = max(edges(pile.course.x)[1] for pile in piles)
+        self.x.end = (1.0 + WALL) * self.wall
         self.height = 1.12 * max(float(pile.archive["height"].max()) for pile in piles)
         self.z.end = self.height
 
@@ -66,6 +68,7 @@ class Pile:
         self._image = ColumnDataSource({"image": [], "dw": [], "dh": []})
         self._flow = ColumnDataSource({name: [] for name in ("x", "top", "air", "small", "all")})
         self._base = ColumnDataSource({"x": [], "z": []})
+        self._wall = ColumnDataSource({"x": [], "z": []})
         self._kinks, self._fronts = (ColumnDataSource({"x": [], "z": []}) for _ in range(2))
         self._draw()
         self.exaggeration = 1
@@ -78,10 +81,11 @@ class Pile:
         deposit = Image(image="image", x=0, y=0, dw="dw", dh="dh", color_mapper=shades)
         plot.add_glyph(self._image, deposit)
         plot.varea("x", y1=0, y2="z", color=GROUND, source=self._base)
-        plot.varea("x", y1="top", y2="air", color=AIR, source=self._flow)
+        plot.varea("x", y1="all", y2="air", color=AIR, source=self._flow)
+        plot.varea("x", y1="top", y2="all", color=LARGE, source=self._flow)
         plot.varea("x", y1="top", y2="small", color=SMALL, source=self._flow)
-        plot.varea("x", y1="small", y2="all", color=LARGE, source=self._flow)
         plot.line("x", "all", color="#555555", line_width=1, source=self._flow)
+        plot.varea("x", y1=0, y2="z", color=GROUND, source=self._wall)
         for lines, source, marker in (
             (FRONT, self._fronts, "circle"),
             (KINK, self._kinks, "triangle"),
@@ -109,6 +113,7 @@ class Pile:
         width, top = edges(pile.course.x)[1], edges(values_of(archive, "z"))[1]
         self._image.data = {"image": [image_of(pile)], "dw": [width], "dh": [top]}
         self._base.data = _to_the_edges(pile, z=values_of(archive, "base_height"))
+        self._wall.data = {"x": [width, 2 * width], "z": [2 * self.window.height] * 2}
         self.exaggeration = self.window.exaggeration(pile)
 
     def show_at(self, pile: Poured, moment: Moment) -> None:
@@ -138,8 +143,8 @@ def image_of(pile: Poured) -> NDArray[np.uint8]:
 
 
 def _to_the_edges(pile: Poured, **values: Floats) -> dict[str, Floats]:
-    """Columns (x,) that reach from edge to edge of the slope, not from middle to middle."""
+    """Columns (x,) that reach from the edge of the slope to behind the wall."""
     x = pile.course.x
     left, right = edges(x)
     reaching = {name: np.concatenate([v[:1], v, v[-1:]]) for name, v in values.items()}
-    return {"x": np.concatenate([[left], x, [right]])} | reaching
+    return {"x": np.concatenate([[left], x, [2 * right]])} | reaching

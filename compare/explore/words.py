@@ -10,57 +10,80 @@ from compare.explore.view import LARGE, SMALL
 from compare.pictures.style import FRONT, KINK, MODEL_NAMES
 from experiment import Experiment
 
-__all__ = ["delta_told", "key_told", "numbers_told", "scores_told", "sizes_told", "verdict_told"]
+__all__ = [
+    "WAITING",
+    "complaint_told",
+    "delta_told",
+    "key_told",
+    "numbers_told",
+    "scores_told",
+    "sizes_told",
+]
 
+WAITING = (
+    '<p class="meaning" role="status">Pouring: a moment, or a minute where its kernels are new.</p>'
+)
+MEANING = {
+    "positive": "Large grains alone pile steeper than small ones: layers are expected.",
+    "negative": (
+        "Large grains alone do not pile steeper than small ones: no layers, two zones are "
+        "expected. Just below 0 some may be left where the zones meet."
+    ),
+    "hidden": "Large grains are number 2, small ones number 1. What will the pile look like?",
+}
+NOT_YET, HIDDEN, NONE = "not yet", "hidden", "none"
 SAID = {
     "stratified": "layers",
-    "layered-and-segregated": "layers, and segregated",
+    "layered-and-segregated": "layers + zones",
     "segregated": "segregated",
     "mixed": "mixed",
-    "unsettled": "not yet",
+    "unsettled": NOT_YET,
+    "hidden": HIDDEN,
 }
-NOT_YET = "not yet"
-HIDDEN = "hidden"
-NONE = "none"
 
 
-def delta_told(setup: Experiment) -> str:
-    """delta, large, and what the paper says of its sign."""
+def delta_told(setup: Experiment, *, hidden: bool) -> str:
+    """delta, large, and what the paper says of its sign, unless that is to be predicted."""
     delta = setup.mixture.delta
-    if delta > 0:
-        meaning = "Large grains alone pile steeper than small ones: layers are expected."
-        sign = "positive"
-    else:
-        meaning = (
-            "Large grains alone do not pile steeper than small ones: no layers, two zones are "
-            "expected. Just below 0 some may be left where the zones meet."
-        )
-        sign = "negative"
+    sign = "hidden" if hidden else "positive" if delta > 0 else "negative"
     return (
         f'<div class="delta {sign}"><output class="value">δ = {_signed(delta)}</output>'
         f'<div><p class="formula">δ = tan θ<sub>22</sub> &minus; tan θ<sub>11</sub></p>'
-        f'<p class="meaning">{meaning}</p></div></div>'
+        f'<p class="meaning">{MEANING[sign]}</p></div></div>'
     )
 
 
-def numbers_told(pile: Poured, numbers: Numbers | None, *, hidden: bool, over: bool) -> str:
-    """The name of a model, and what is measured of its pile so far."""
-    word, wavelength, kinks = HIDDEN, HIDDEN, HIDDEN
-    if not hidden:
-        found = numbers or Numbers()
-        word = SAID[found.regime]
-        nothing = NONE if over or found.regime in ("segregated", "mixed") else NOT_YET
-        wavelength = _with_error(found.wavelength, found.wavelength_error, "cm", nothing)
-        kinks = _with_error(found.kink_velocity, found.kink_velocity_error, "cm/s", nothing)
-    regime = "hidden" if hidden else (numbers or Numbers()).regime
+def complaint_told(complaint: str) -> str:
+    """Why what is asked for cannot be poured."""
+    return f'<p class="complaint" role="alert">{escape(complaint)}</p>'
+
+
+def numbers_told(pile: Poured, found: Numbers | None, verdict: Verdict | None = None) -> str:
+    """The name of a model, and what is `found` in its pile so far; None: that is hidden."""
+    regime = "hidden" if found is None else found.regime
+    told = {
+        "regime": ("it laid", SAID[regime]),
+        "wavelength": ("wavelength (cm)", HIDDEN),
+        "kinks": ("kinks climb at (cm/s)", HIDDEN),
+    }
+    if found is not None:
+        nothing = NOT_YET if regime == "unsettled" else NONE
+        numbers = {
+            "wavelength": _with_error(found.wavelength, found.wavelength_error),
+            "kinks": _with_error(found.kink_velocity, found.kink_velocity_error),
+        }
+        told |= {name: (told[name][0], number or nothing) for name, number in numbers.items()}
+    cells = "".join(
+        f'<div><dt>{label}</dt><dd><output class="value {name}'
+        f'{" nothing" if value in (HIDDEN, NOT_YET, NONE) else ""}">{value}</output></dd></div>'
+        for name, (label, value) in told.items()
+    )
     model = pile.archive.attrs["model"]
-    acts = f"acts as δ = {_signed(pile.delta)}" if model == "ca_model" else "solved as it is"
+    acts = f": acts as δ = {_signed(pile.delta)}" if model == "ca_model" else ""
     return (
         f'<section class="numbers {regime}" aria-label="{MODEL_NAMES[model]}">'
-        f'<h2>{MODEL_NAMES[model]}</h2><output class="regime">{word}</output>'
-        f"<dl><div><dt>wavelength</dt><dd class='wavelength'>{wavelength}</dd></div>"
-        f"<div><dt>kinks climb at</dt><dd class='kinks'>{kinks}</dd></div></dl>"
-        f'<p class="acts">{acts}</p></section>'
+        f"<h2>{MODEL_NAMES[model]}<small>{acts}</small>{_judged(verdict)}</h2>"
+        f'<dl class="row">{cells}</dl></section>'
     )
 
 
@@ -69,13 +92,15 @@ def key_told(setup: Experiment, exaggeration: int) -> str:
     small, large = map(escape, setup.mixture.names)
     if small != "small":
         small, large = f"{small} (small)", f"{large} (large)"
-    return (
-        '<p class="key">'
-        f'<i style="background:{SMALL}"></i>{small} <i style="background:{LARGE}"></i>{large} '
-        f'<b style="color:{KINK["color"]}">▲</b> kink, climbs '
-        f'<b style="color:{FRONT["color"]}">●</b> avalanche front, runs down '
-        f"<span>what rolls is drawn {exaggeration} times as thick</span></p>"
-    )
+    signs = {
+        f'<i style="background:{SMALL}"></i>': small,
+        f'<i style="background:{LARGE}"></i>': large,
+        f'<b style="color:{KINK["color"]}">▲</b>': "kink, climbing",
+        f'<b style="color:{FRONT["color"]}">●</b>': "front, running down (after a third)",
+        "": f"rolling layer: {exaggeration} &times; as thick",
+    }
+    told = "".join(f"{sign}<span>{meaning}</span>" for sign, meaning in signs.items())
+    return f'<p class="key">{told}</p>'
 
 
 def sizes_told(setup: Experiment, lattice: Poured | None) -> str:
@@ -88,18 +113,9 @@ def sizes_told(setup: Experiment, lattice: Poured | None) -> str:
         f'<p class="note">Sizes. Lattice: a large grain is {large / small:.3g} small ones high, '
         f"a column {10 * lattice.archive.attrs['column_width_cm']:.3g} mm wide. "
         f"Continuum: surface layer {10 * mixture.surface_depth:.2g} mm, curvature length "
-        f"{10 * mixture.curvature_length:.2g} mm. What sizes do to slopes is ψ: turn that, too.</p>"
+        f"{10 * mixture.curvature_length:.2g} mm. What sizes do to slopes is ψ: turn that, too. "
+        "Each change pours both piles anew, the same volume however fast.</p>"
     )
-
-
-def verdict_told(one: Try) -> str:
-    """How a guess stands beside each pile, in a line each."""
-    lines = [
-        f'<p class="{"right" if verdict.pattern else "wrong"}">'
-        f"{_mark(verdict.pattern)} {MODEL_NAMES[model]}: {_sentence(one.guess, verdict)}</p>"
-        for model, verdict in one.verdicts.items()
-    ]
-    return f'<div class="verdict" role="status">{"".join(lines)}</div>'
 
 
 def scores_told(tries: Sequence[Try]) -> str:
@@ -121,22 +137,21 @@ def scores_told(tries: Sequence[Try]) -> str:
     )
 
 
-def _sentence(guess: Guess, verdict: Verdict) -> str:
-    found = verdict.found
-    laid = f"it laid {_laid(found)}"
-    if not verdict.pattern:
-        return f"{laid}, not {guess.pattern}."
-    if verdict.wavelength is None:
-        return f"{laid}."
-    off = guess.wavelength / found.wavelength - 1.0
-    near = "within a fifth" if verdict.wavelength else "more than a fifth off"
-    return f"{laid}; {guess.wavelength:.3g} cm was {off:+.0%}: {near}."
-
-
-def _laid(found: Numbers) -> str:
-    if not math.isfinite(found.wavelength):
-        return {"mixed": "a mixture", "segregated": "two zones"}.get(found.regime, "too little")
-    return f"{SAID[found.regime]} of {_with_error(found.wavelength, found.wavelength_error, 'cm')}"
+def _judged(verdict: Verdict | None) -> str:
+    """How a guess stands beside a pile, in a few words."""
+    if verdict is None:
+        return ""
+    guess, found = verdict.guess, verdict.found
+    words = [(verdict.pattern, guess.pattern)]
+    if verdict.wavelength is not None:
+        off = guess.wavelength / found.wavelength - 1.0
+        size = "" if abs(off) < 0.005 else f", {abs(off):.0%} too {'large' if off > 0 else 'small'}"
+        words.append((verdict.wavelength, f"{guess.wavelength:.3g} cm{size}"))
+    said = " ".join(
+        f'<span class="{"right" if right else "wrong"}">{_mark(right)} {word}</span>'
+        for right, word in words
+    )
+    return f'<span class="verdict" role="status">{said}</span>'
 
 
 def _guessed(guess: Guess) -> str:
@@ -161,11 +176,11 @@ def _signed(value: float) -> str:
     return "0.00" if float(rounded) == 0 else rounded.replace("-", "&minus;")
 
 
-def _with_error(value: float, error: float, unit: str, nothing: str = NONE) -> str:
-    """As many digits as the error allows."""
+def _with_error(value: float, error: float) -> str:
+    """As many digits as the error allows; empty where there is no value."""
     if not math.isfinite(value):
-        return nothing
+        return ""
     if not (math.isfinite(error) and error > 0):
-        return f"{value:.2g} {unit}"
+        return f"{value:.2g}"
     digits = min(max(0, 1 - math.floor(math.log10(error))), 3)
-    return f"{value:.{digits}f} <small>± {error:.{digits}f}</small> {unit}"
+    return f"{value:.{digits}f} <small>± {error:.{digits}f}</small>"
