@@ -31,13 +31,15 @@ class Controls:
         )
         self.play = _button("▶ Play", 130, button_type="primary")
         self.again = _button("From the start", 155)
-        self.time = _slider("time (s)", "time", format="0.0")
+        # A share of the pour: a browser's keys do not learn of another range.
+        self.time = _slider("time", "time", show_value=False, step=0.001)
         self.pace = pn.widgets.Select(
             name="whole pour", options=PACES, value=Clock.lasts, width=110, **_styled
         )
         self.pattern = pn.widgets.RadioBoxGroup(
-            options=list(PATTERNS), value=None, inline=True, width=300, **_styled
+            options=list(PATTERNS), inline=True, width=300, **_styled
         )
+        self.pattern.value = None  # for the visitor to choose
         self.wavelength = pn.widgets.FloatInput(
             name="wavelength (cm), a guess", start=0.0, step=0.1, value=None, width=185, **_styled
         )
@@ -107,5 +109,5 @@ def _button(name: str, width: int, **how: Any) -> pn.widgets.Button:
 
 
 def _slider(label: str, name: str, **how: Any) -> pn.widgets.FloatSlider:
-    how = {"format": "0[.]000"} | how | _wide
+    how |= {"format": "0[.]000"} | _wide
     return pn.widgets.FloatSlider(name=label, tooltips=False, css_classes=[name], **how)

@@ -6,6 +6,8 @@ stay.
 """
 
 from enum import Enum
+from functools import cache
+from math import isclose
 from random import Random
 
 from compare.campaign import CHECK
@@ -19,8 +21,10 @@ __all__ = ["Desk", "Stage", "presets"]
 
 RESOLUTION = {"continuum.cells": 200, "pour.records": 400}
 FIRST = "glass-sugar"
+ROUND_OFF = 1e-6  # of what a browser gives back
 
 
+@cache
 def presets() -> dict[str, Experiment]:
     """What can be explored: presets of two species, steadily fed, that both models pour in a silo.
 
@@ -75,7 +79,10 @@ class Desk:
 
     def turn(self, knob: str, value: float) -> None:
         """Turn a knob, as far as there is something to pour there; else `complaint` says why."""
-        self.values[knob] = value
+        if isclose(value, KNOBS[knob].read(self.presets[self.preset]), rel_tol=ROUND_OFF):
+            self.values.pop(knob, None)
+        else:
+            self.values[knob] = value
         try:
             setup = turned(self.presets[self.preset], self.values)
             for check in CHECK.values():

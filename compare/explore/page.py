@@ -60,7 +60,7 @@ class Page:
             self._heed(slider, partial(desk.turn, name))
         self._heed(controls.mode, lambda mode: desk.predict(on=mode == PREDICT))
         self._heed(controls.pattern, lambda _: None)
-        self._heed(controls.time, lambda seconds: desk.clock.turn(seconds / controls.time.end))
+        self._heed(controls.time, desk.clock.turn)
         self._heed(controls.pace, lambda lasts: setattr(desk.clock, "lasts", lasts))
         self._press(controls.play, desk.clock.toggle)
         self._press(controls.again, desk.clock.restart)
@@ -164,8 +164,6 @@ class Page:
         for name, slider in controls.knobs.items():
             low, high, step = KNOBS[name].range_of(desk.presets[desk.preset])
             slider.param.update(start=low, end=high, step=step, value=desk.knob(name))
-        if desk.pours is not None:
-            controls.time.end = desk.pours.duration
         self._quiet = False
 
     def _show_piles(self) -> None:
@@ -174,8 +172,9 @@ class Page:
             return
         controls.play.name = "❚❚ Pause" if desk.clock.playing else "▶ Play"
         self._quiet = True
-        controls.time.value = desk.clock.share * controls.time.end
+        controls.time.value = desk.clock.share
         self._quiet = False
+        controls.time.name = words.time_told(desk.clock.share, desk.pours.duration)
         for model, pile in desk.pours.of.items():
             self.piles[model].show_at(pile, pile.at(desk.clock.share))
 

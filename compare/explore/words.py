@@ -18,6 +18,7 @@ __all__ = [
     "numbers_told",
     "scores_told",
     "sizes_told",
+    "time_told",
 ]
 
 WAITING = (
@@ -135,6 +136,12 @@ def scores_told(tries: Sequence[Try]) -> str:
         + "".join(f"<th>{MODEL_NAMES[model]}</th>" for model in tries[0].verdicts)
         + f"</tr></thead><tbody>{''.join(reversed(rows))}</tbody></table></div>"
     )
+
+
+def time_told(share: float, duration: float) -> str:
+    """The time that the clock shows, as plain text."""
+    digits = max(0, 2 - math.floor(math.log10(duration)))
+    return f"time: {share * duration:.{digits}f} s of {duration:.{digits}f} s"
 
 
 def _judged(verdict: Verdict | None) -> str:
