@@ -1,6 +1,7 @@
 """The desk behind the page: what knobs do to both models, and what a prediction is worth."""
 
 import math
+import socket
 from random import Random
 
 import numpy as np
@@ -271,3 +272,16 @@ def refused(*arguments: str) -> str:
 def test_without_panel_the_command_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(command, "find_spec", lambda _: None)
     assert "pip install 'stratify[explore]'" in refused("--no-browser")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["--address=127.0.0.1"], "nobody can listen there: address already in use; --address"),
+        (["--address=203.0.113.7"], "--address 203.0.113.7 --port"),
+    ],
+)
+def test_where_nobody_can_listen_is_one_line(arguments: list[str], named: str) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert named in refused("--no-browser", f"--port={port}", *arguments)

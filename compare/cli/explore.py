@@ -1,5 +1,6 @@
 """`stratify explore`: a page to play with."""
 
+import socket
 from importlib.util import find_spec
 
 import click
@@ -30,6 +31,20 @@ def explore(address: str, port: int, browser: bool) -> None:
     """
     if find_spec("panel") is None:
         raise SetupError("the page is served by Panel: pip install 'stratify[explore]'")
+    _check_listening(address, port)
     from compare.explore.server import serve
 
     serve(address, port, lambda url: say(f"explore at {url}; Ctrl-C ends it"), show=browser)
+
+
+def _check_listening(address: str, port: int) -> None:
+    """Raises :class:`SetupError` where nobody can listen."""
+    try:
+        family = socket.getaddrinfo(address, port, type=socket.SOCK_STREAM)[0][0]
+        socket.create_server((address, port), family=family).close()
+    except (OSError, UnicodeError) as error:
+        reason, *_ = (getattr(error, "strerror", None) or str(error)).split(" (")
+        raise SetupError(
+            f"--address {address} --port {port}: nobody can listen there: {reason.lower()}; "
+            "--address 127.0.0.1 is this machine, --port 0 takes a free port"
+        ) from None

@@ -25,14 +25,17 @@ class Controls:
         """Of `presets`, names by titles."""
         self.mode = pn.widgets.RadioButtonGroup(options=[EXPLORE, PREDICT], value=EXPLORE, **_wide)
         self.preset = pn.widgets.Select(name="preset", options=presets, **_wide)
-        self.knobs = {name: _slider(knob.label, name) for name, knob in KNOBS.items()}
+        self.knobs = {
+            name: _slider(knob.label, name, format="0[.]0" if knob.step >= 0.5 else "0[.]000")
+            for name, knob in KNOBS.items()
+        }
         self.save = pn.widgets.FileDownload(
             filename="setup.toml", label="Save set-up (TOML)", **_wide
         )
         self.play = _button("▶ Play", 130, button_type="primary")
         self.again = _button("From the start", 155)
         # A share of the pour: a browser's keys do not learn of another range.
-        self.time = _slider("time", "time", show_value=False, step=0.001)
+        self.time = _slider("", "time", show_value=False, step=0.001)
         self.pace = pn.widgets.Select(
             name="whole pour", options=PACES, value=Clock.lasts, width=110, **_styled
         )
@@ -45,7 +48,8 @@ class Controls:
         )
         self.run = _button("Run", 90, button_type="primary")
         self.draw = _button("Another set-up", 155)
-        self.delta, self.complaint, self.key, self.sizes, self.scores = (_text() for _ in range(5))
+        self.delta, self.complaint, self.key, self.clock = (_text() for _ in range(4))
+        self.sizes, self.scores = _text(), _text()
 
     def lay_out(self, piles: dict[str, Pile]) -> pn.Row:
         """The whole page."""
@@ -73,7 +77,9 @@ class Controls:
             self.prediction,
             pn.Row(*pictures, sizing_mode="stretch_both"),
             self.key,
-            pn.Row(self.play, self.again, self.time, self.pace, **_wide),
+            pn.Row(
+                self.play, self.again, pn.Column(self.clock, self.time, **_wide), self.pace, **_wide
+            ),
             sizing_mode="stretch_both",
             **_styled,
         )
@@ -109,5 +115,4 @@ def _button(name: str, width: int, **how: Any) -> pn.widgets.Button:
 
 
 def _slider(label: str, name: str, **how: Any) -> pn.widgets.FloatSlider:
-    how |= {"format": "0[.]000"} | _wide
-    return pn.widgets.FloatSlider(name=label, tooltips=False, css_classes=[name], **how)
+    return pn.widgets.FloatSlider(name=label, tooltips=False, css_classes=[name], **how, **_wide)

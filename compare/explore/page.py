@@ -137,10 +137,12 @@ class Page:
         self._moved |= self.desk.clock.tick(passed)
         if self._changed:
             self._show_setup()
-        if self._moved or self._changed:
+        self._moved |= self._changed
+        self._changed = False
+        if self._moved and all(pile.ready(now) for pile in self.piles.values()):
             self._show_piles()
+            self._moved = False
         self._show_numbers()
-        self._changed = self._moved = False
 
     def _show_setup(self) -> None:
         desk, controls = self.desk, self.controls
@@ -151,8 +153,7 @@ class Page:
         controls.complaint.visible = bool(desk.complaint)
         controls.prediction.visible = desk.stage is not Stage.NONE
         controls.run.disabled = not hidden or controls.pattern.value is None
-        for control in (controls.play, controls.again, controls.time):
-            control.disabled = hidden
+        controls.play.disabled = controls.again.disabled = hidden
         if desk.pours is not None:
             controls.key.object = words.key_told(desk.setup, self.piles["ca_model"].exaggeration)
             controls.sizes.object = words.sizes_told(desk.setup, desk.pours.of["ca_model"])
@@ -171,12 +172,14 @@ class Page:
         if desk.pours is None:
             return
         controls.play.name = "❚❚ Pause" if desk.clock.playing else "▶ Play"
+        controls.clock.object = words.time_told(desk.clock.share, desk.pours.duration)
         self._quiet = True
         controls.time.value = desk.clock.share
         self._quiet = False
-        controls.time.name = words.time_told(desk.clock.share, desk.pours.duration)
+        # Panel drops what a visitor does to a slider while the page moves it.
+        controls.time.disabled = desk.clock.playing or desk.stage is Stage.OPEN
         for model, pile in desk.pours.of.items():
-            self.piles[model].show_at(pile, pile.at(desk.clock.share))
+            self.piles[model].show_at(pile, pile.at(desk.clock.share), self._last)
 
     def _show_numbers(self) -> None:
         desk, numbers = self.desk, self._numbers()

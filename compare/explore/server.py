@@ -8,10 +8,10 @@ from collections.abc import Callable
 import panel as pn
 from bokeh.server.server import Server
 from bokeh.settings import settings
+from tornado.websocket import WebSocketClosedError
 
 from compare.explore.controls import STYLE
 from compare.explore.page import WORKERS, Page
-from experiment import SetupError
 
 __all__ = ["serve"]
 
@@ -23,31 +23,35 @@ TITLE = "stratify: pour a mixture"
 def serve(address: str, port: int, announce: Callable[[str], object], *, show: bool) -> None:
     """Serve the page at an address and port (0: a free one) until the process is told to end.
 
-    `announce` is told where it is. Raises :class:`SetupError` where nobody can listen there.
+    `announce` is told where it is.
     """
     pn.extension(raw_css=[STYLE], notifications=False)
-    try:
-        server = pn.io.server.get_server(
-            {"/": lambda: Page().layout},
-            address=address,
-            port=port,
-            title={"/": TITLE},
-            location=False,
-        )
-    except OSError as error:
-        raise SetupError(
-            f"--address {address} --port {port}: nobody can listen there: "
-            f"{(error.strerror or str(error)).lower()}; --port 0 takes a free port"
-        ) from None
+    server = pn.io.server.get_server(
+        {"/": lambda: Page().layout},
+        address=address,
+        port=port,
+        title={"/": TITLE},
+        location=False,
+    )
     port = server.port or port
     settings.allowed_ws_origin = _origins(address, port)
-    for name in ("bokeh", "panel"):
-        logging.getLogger(name).setLevel(logging.ERROR)
+    _say_only_what_is_amiss()
     announce(f"http://{_host(address)}:{port}/")
     if show:
         server.io_loop.add_callback(server.show, "/")
     _until_told_to_end(server)
     WORKERS.shutdown(wait=False, cancel_futures=True)
+
+
+def _say_only_what_is_amiss() -> None:
+    """That a visitor leaves is not."""
+    for name in ("bokeh", "panel"):
+        logging.getLogger(name).setLevel(logging.ERROR)
+
+    def amiss(record: logging.LogRecord) -> bool:
+        return not (record.exc_info and isinstance(record.exc_info[1], WebSocketClosedError))
+
+    logging.getLogger("asyncio").addFilter(amiss)
 
 
 def _until_told_to_end(server: Server) -> None:

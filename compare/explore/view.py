@@ -4,8 +4,10 @@ The deposit is sent once a pour, as an image; at each instant what is not yet la
 on the cover lies what rolls, a band a species, drawn `exaggeration` times as thick as it is.
 """
 
+import math
+
 import numpy as np
-from bokeh.models import ColumnDataSource, Image, LinearColorMapper, Range1d
+from bokeh.models import ColumnDataSource, CustomJS, Image, LinearColorMapper, Range1d
 from bokeh.palettes import cividis
 from bokeh.plotting import figure
 from numpy.typing import NDArray
@@ -27,6 +29,10 @@ SMALL, LARGE = PALETTE[0], PALETTE[-1]
 BAND = 0.05  # of the window's height that the feed should seem to be thick
 WALL = 0.015  # of the window's width
 NICE = (1, 2, 5, 10, 20, 50, 100)
+
+
+PAINTED = "requestAnimationFrame(() => requestAnimationFrame(() => { told.tags = cb_obj.tags }))"
+PATIENCE = 1.0  # s
 
 
 class Window:
@@ -71,6 +77,9 @@ class Pile:
         self._wall = ColumnDataSource({"x": [], "z": []})
         self._kinks, self._fronts = (ColumnDataSource({"x": [], "z": []}) for _ in range(2))
         self._draw()
+        self._sent = -math.inf
+        told = CustomJS(args={"told": self.figure.y_scale}, code=PAINTED)
+        self.figure.x_scale.js_on_change("tags", told)
         self.exaggeration = 1
 
     def _draw(self) -> None:
@@ -107,6 +116,14 @@ class Pile:
             axis.axis_label_text_font_style = "normal"
             axis.minor_tick_line_color = None
 
+    def ready(self, now: float) -> bool:
+        """Whether the browser has painted what it was sent, at the time `now` [s] on the wall.
+
+        A slow one is not sent more pictures than it can paint; one that is not looked at, few.
+        """
+        painted = self.figure.y_scale.tags == self.figure.x_scale.tags
+        return painted or now - self._sent > PATIENCE
+
     def show(self, pile: Poured) -> None:
         """Have the deposit of another pour."""
         archive = pile.archive
@@ -116,8 +133,8 @@ class Pile:
         self._wall.data = {"x": [width, 2 * width], "z": [2 * self.window.height] * 2}
         self.exaggeration = self.window.exaggeration(pile)
 
-    def show_at(self, pile: Poured, moment: Moment) -> None:
-        """Show an instant of the pour."""
+    def show_at(self, pile: Poured, moment: Moment, now: float) -> None:
+        """Show an instant of the pour, at the time `now` [s] on the wall."""
         small = moment.height + self.exaggeration * moment.rolling[:, 0]
         everything = moment.height + self.exaggeration * moment.rolling.sum(axis=1)
         air = np.full_like(small, 2 * self.window.height)
@@ -126,6 +143,8 @@ class Pile:
         )
         for source, places in ((self._kinks, moment.kinks), (self._fronts, moment.fronts)):
             source.data = {"x": places[:, 0], "z": places[:, 1]}
+        self._sent = now
+        self.figure.x_scale.tags = [now]
 
 
 def image_of(pile: Poured) -> NDArray[np.uint8]:

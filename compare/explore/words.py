@@ -139,9 +139,10 @@ def scores_told(tries: Sequence[Try]) -> str:
 
 
 def time_told(share: float, duration: float) -> str:
-    """The time that the clock shows, as plain text."""
+    """The time that the clock shows."""
     digits = max(0, 2 - math.floor(math.log10(duration)))
-    return f"time: {share * duration:.{digits}f} s of {duration:.{digits}f} s"
+    now, end = (f"{time:.{digits}f} s" for time in (share * duration, duration))
+    return f'<p class="clock">time: <b>{now}</b> of {end}</p>'
 
 
 def _judged(verdict: Verdict | None) -> str:
