@@ -48,8 +48,8 @@ class Controls:
         )
         self.run = _button("Run", 90, button_type="primary")
         self.draw = _button("Another set-up", 155)
-        self.delta, self.complaint, self.key, self.clock = (_text() for _ in range(4))
-        self.sizes, self.scores = _text(), _text()
+        self.delta, self.complaint, self.sizes, self.scores = (_text() for _ in range(4))
+        self.clock, self.key = _text(words.NO_TIME), _text(words.NO_KEY)
 
     def lay_out(self, piles: dict[str, Pile]) -> pn.Row:
         """The whole page."""

@@ -11,6 +11,8 @@ from compare.pictures.style import FRONT, KINK, MODEL_NAMES
 from experiment import Experiment
 
 __all__ = [
+    "NO_KEY",
+    "NO_TIME",
     "WAITING",
     "complaint_told",
     "delta_told",
@@ -21,9 +23,13 @@ __all__ = [
     "time_told",
 ]
 
+# As high as what takes its place.
 WAITING = (
-    '<p class="meaning" role="status">Pouring: a moment, or a minute where its kernels are new.</p>'
+    '<section class="waiting" role="status"><h2>Pouring: a moment, or a minute where the kernels '
+    'have to be compiled first.</h2><dl class="row"><div><dt>&nbsp;</dt>'
+    '<dd class="value">&nbsp;</dd></div></dl></section>'
 )
+NO_TIME, NO_KEY = '<p class="clock">time</p>', '<p class="key">&nbsp;</p>'
 MEANING = {
     "positive": "Large grains alone pile steeper than small ones: layers are expected.",
     "negative": (
