@@ -33,8 +33,8 @@ NO_TIME, NO_KEY = '<p class="clock">time</p>', '<p class="key">&nbsp;</p>'
 MEANING = {
     "positive": "Large grains alone pile steeper than small ones: layers are expected.",
     "negative": (
-        "Large grains alone do not pile steeper than small ones: no layers, two zones are "
-        "expected. Just below 0 some may be left where the zones meet."
+        "Large grains alone pile no steeper than small ones: two zones are expected, no layers. "
+        "Near 0 both models still lay some."
     ),
     "hidden": "Large grains are number 2, small ones number 1. What will the pile look like?",
 }
