@@ -14,6 +14,7 @@ VERBS = [  # each a command in the module of its name
     "animate",
     "compare",
     "converge",
+    "explore",
     "figure",
     "measure",
     "phase",
