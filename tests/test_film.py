@@ -194,7 +194,10 @@ def test_a_film_that_fails_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_ctrl_c_leaves_no_half_film_and_no_ffmpeg(short: xr.Dataset, tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_film_that_is_stopped_leaves_no_half_of_it_and_no_ffmpeg(
+    short: xr.Dataset, tmp_path: Path, number: signal.Signals
+) -> None:
     write(short, tmp_path / "run.nc")
     script = (
         "import sys\n"
@@ -217,7 +220,7 @@ def test_ctrl_c_leaves_no_half_film_and_no_ffmpeg(short: xr.Dataset, tmp_path: P
     with subprocess.Popen(command, cwd=tmp_path, stdout=pipe, stderr=pipe, text=True) as filming:
         assert filming.stdout is not None
         ffmpeg = int(filming.stdout.readline())
-        filming.send_signal(signal.SIGINT)
+        filming.send_signal(number)
         _, told = filming.communicate(timeout=20)
     assert told.strip() == "stratify: stopped; what was not yet written under its name is lost"
     assert filming.returncode == 2
@@ -262,3 +265,7 @@ def test_the_command_films_a_group_of_a_store(
     assert done.output.splitlines()[-1] == "wrote run.continuum.mp4"
     assert imageio_ffmpeg.count_frames_and_secs("run.continuum.mp4") == (25, 1.0)
     assert isinstance(run(cli, command).exception, OutputExistsError)
+    Path("folder.mp4").mkdir()
+    onto_a_folder = run(cli, [*command, "-o", "folder.mp4", "--force"])
+    assert str(onto_a_folder.exception) == "'folder.mp4' cannot be written: it is a folder"
+    assert "filmed" not in onto_a_folder.output

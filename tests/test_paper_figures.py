@@ -242,3 +242,16 @@ def test_the_command_says_where_it_cannot_write(tmp_path: Path, figure: Command)
     assert status == 2
     assert said.count("\n") == 1
     assert "cannot be written" in said
+
+
+def test_a_folder_of_its_name_is_seen_before_the_work_begins(
+    tmp_path: Path, figure: Command, monkeypatch
+) -> None:
+    def work(_: object) -> xr.Dataset:
+        raise AssertionError
+
+    monkeypatch.setitem(FIGURES, "phase", FIGURES["phase"]._replace(data=work))
+    (tmp_path / "phase.png").mkdir()
+    status, said = figure("phase", "-o", tmp_path, "--force")
+    assert (status, said.count("\n")) == (2, 1)
+    assert "phase.png' cannot be written: it is a folder" in said
