@@ -22,7 +22,7 @@ import continuum
 from compare.cli import cli
 from compare.pictures import film
 from compare.pictures.frame import Frames
-from compare.pictures.stage import Pixels
+from compare.pictures.stage import FEED, Pixels
 from compare.pictures.style import KINK
 from compare.quantities import coarseness
 from experiment import ArchiveError, NotApplicableError, OutputExistsError, SetupError, load
@@ -145,6 +145,27 @@ def test_a_kink_is_marked_where_it_is(archive: xr.Dataset, frames: Frames) -> No
     row, column = pixel(frames, float(passage["x"]), z)
     assert columns[below_legend].mean() == pytest.approx(column, abs=4)
     assert rows[below_legend].max() == pytest.approx(row, abs=5)
+
+
+def test_marks_and_the_clock_are_those_of_the_moment(archive: xr.Dataset, frames: Frames) -> None:
+    time = float(archive.strata.fronts().isel(event=1)["passage"].dropna("x")[20])
+    moment = frames.course.at(time)
+    frames.at(time)
+    assert len(moment.fronts) > 0
+    np.testing.assert_array_equal(frames.fronts.get_xydata(), moment.fronts)
+    np.testing.assert_array_equal(frames.kinks.get_xydata(), moment.kinks)
+    assert frames.stage.canvas.figure.texts[1].get_text() == f"t = {time:.0f} s"
+
+
+def test_a_travelling_spout_is_drawn_where_it_pours(poured: Callable[..., xr.Dataset]) -> None:
+    frames = Frames(poured("ca_model", "stockpile", "pour.duration=5.0", "pour.records=10"), MOST)
+    source = load("stockpile").feed.source
+    assert source is not None
+    [stream] = [line for line in frames.stage.axes.lines if line.get_color() == FEED["color"]]
+    for time in (1.0, 4.0):
+        frames.at(time)
+        [spout] = source.position(np.array([time]))
+        assert stream.get_xdata() == pytest.approx([spout, spout])
 
 
 def test_a_part_of_the_pour_is_shown_from_its_start_to_its_end(
