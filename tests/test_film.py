@@ -157,6 +157,11 @@ def test_marks_and_the_clock_are_those_of_the_moment(archive: xr.Dataset, frames
     assert frames.stage.canvas.figure.texts[1].get_text() == f"t = {time:.0f} s"
 
 
+def test_the_deposit_has_no_hole_that_a_pile_once_higher_could_show(frames: Frames) -> None:
+    [deposit] = frames.stage.axes.images
+    assert np.isfinite(np.ma.filled(deposit.get_array(), np.nan)).all()
+
+
 def test_a_travelling_spout_is_drawn_where_it_pours(poured: Callable[..., xr.Dataset]) -> None:
     frames = Frames(poured("ca_model", "stockpile", "pour.duration=5.0", "pour.records=10"), MOST)
     source = load("stockpile").feed.source
