@@ -22,7 +22,7 @@ import continuum
 from compare.cli import cli
 from compare.pictures import film
 from compare.pictures.frame import Frames
-from compare.pictures.stage import Pixels
+from compare.pictures.stage import FEED, Pixels
 from compare.pictures.style import KINK
 from compare.quantities import coarseness
 from experiment import ArchiveError, NotApplicableError, OutputExistsError, SetupError, load
@@ -147,6 +147,32 @@ def test_a_kink_is_marked_where_it_is(archive: xr.Dataset, frames: Frames) -> No
     assert rows[below_legend].max() == pytest.approx(row, abs=5)
 
 
+def test_marks_and_the_clock_are_those_of_the_moment(archive: xr.Dataset, frames: Frames) -> None:
+    time = float(archive.strata.fronts().isel(event=1)["passage"].dropna("x")[20])
+    moment = frames.course.at(time)
+    frames.at(time)
+    assert len(moment.fronts) > 0
+    np.testing.assert_array_equal(frames.fronts.get_xydata(), moment.fronts)
+    np.testing.assert_array_equal(frames.kinks.get_xydata(), moment.kinks)
+    assert frames.stage.canvas.figure.texts[1].get_text() == f"t = {time:.0f} s"
+
+
+def test_the_deposit_has_no_hole_that_a_pile_once_higher_could_show(frames: Frames) -> None:
+    [deposit] = frames.stage.axes.images
+    assert np.isfinite(np.ma.filled(deposit.get_array(), np.nan)).all()
+
+
+def test_a_travelling_spout_is_drawn_where_it_pours(poured: Callable[..., xr.Dataset]) -> None:
+    frames = Frames(poured("ca_model", "stockpile", "pour.duration=5.0", "pour.records=10"), MOST)
+    source = load("stockpile").feed.source
+    assert source is not None
+    [stream] = [line for line in frames.stage.axes.lines if line.get_color() == FEED["color"]]
+    for time in (1.0, 4.0):
+        frames.at(time)
+        [spout] = source.position(np.array([time]))
+        assert stream.get_xdata() == pytest.approx([spout, spout])
+
+
 def test_a_part_of_the_pour_is_shown_from_its_start_to_its_end(
     short: xr.Dataset, tmp_path: Path
 ) -> None:
@@ -194,7 +220,10 @@ def test_a_film_that_fails_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_ctrl_c_leaves_no_half_film_and_no_ffmpeg(short: xr.Dataset, tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_film_that_is_stopped_leaves_no_half_of_it_and_no_ffmpeg(
+    short: xr.Dataset, tmp_path: Path, number: signal.Signals
+) -> None:
     write(short, tmp_path / "run.nc")
     script = (
         "import sys\n"
@@ -217,7 +246,7 @@ def test_ctrl_c_leaves_no_half_film_and_no_ffmpeg(short: xr.Dataset, tmp_path: P
     with subprocess.Popen(command, cwd=tmp_path, stdout=pipe, stderr=pipe, text=True) as filming:
         assert filming.stdout is not None
         ffmpeg = int(filming.stdout.readline())
-        filming.send_signal(signal.SIGINT)
+        filming.send_signal(number)
         _, told = filming.communicate(timeout=20)
     assert told.strip() == "stratify: stopped; what was not yet written under its name is lost"
     assert filming.returncode == 2
@@ -262,3 +291,7 @@ def test_the_command_films_a_group_of_a_store(
     assert done.output.splitlines()[-1] == "wrote run.continuum.mp4"
     assert imageio_ffmpeg.count_frames_and_secs("run.continuum.mp4") == (25, 1.0)
     assert isinstance(run(cli, command).exception, OutputExistsError)
+    Path("folder.mp4").mkdir()
+    onto_a_folder = run(cli, [*command, "-o", "folder.mp4", "--force"])
+    assert str(onto_a_folder.exception) == "'folder.mp4' cannot be written: it is a folder"
+    assert "filmed" not in onto_a_folder.output

@@ -12,11 +12,15 @@ from running import stratify
 from compare.cli import main
 from compare.pictures import save
 from compare.pictures.paper import FIGURES
-from compare.pictures.paper.angles import repose_angles
-from compare.pictures.paper.functions import collision_functions
+from compare.pictures.paper.angles import draw_repose_angles, repose_angles
+from compare.pictures.paper.functions import (
+    FUNCTIONS,
+    collision_functions,
+    draw_collision_functions,
+)
 from compare.pictures.paper.onset import onset
 from compare.pictures.paper.phase import psi_of, ratio_of, regimes_over_size_and_shape
-from compare.pictures.paper.profiles import profiles
+from compare.pictures.paper.profiles import LABELS, draw_profiles, profiles
 from experiment import ArchiveError
 
 
@@ -90,6 +94,29 @@ def test_the_solvers_points_lie_on_the_profiles(steady: xr.Dataset) -> None:
     ):
         solved = steady[f"solved_{name}"].values[inside]
         assert np.abs(full[name].interp(x=x).values - solved).max() < error, name
+
+
+def test_the_lines_that_are_drawn_are_the_data(steady: xr.Dataset) -> None:
+    """Thick ones of the rolling grains, and of the full solution, in the caption's order."""
+    angles, functions = repose_angles(), collision_functions()
+    panels = {
+        "angles": (draw_repose_angles(angles), angles["generalised_repose_slope"].values, 1.8),
+        "functions": (
+            draw_collision_functions(functions),
+            np.stack([functions[n].isel(form=0) for n in FUNCTIONS], axis=1),
+            2.0,
+        ),
+        "profiles": (
+            draw_profiles(steady),
+            [np.atleast_2d(steady[n].isel(solution=0).values.T) for n in LABELS],
+            1.6,
+        ),
+    }
+    for name, (figure, wanted, thick) in panels.items():
+        for axes, data in zip(figure.axes, wanted, strict=True):
+            lines = [line for line in axes.lines if line.get_linewidth() == thick]
+            drawn = [line.get_ydata() for line in lines if len(line.get_xdata())]
+            np.testing.assert_array_equal(drawn, data, err_msg=name)
 
 
 @pytest.fixture(scope="module")
@@ -242,3 +269,16 @@ def test_the_command_says_where_it_cannot_write(tmp_path: Path, figure: Command)
     assert status == 2
     assert said.count("\n") == 1
     assert "cannot be written" in said
+
+
+def test_a_folder_of_its_name_is_seen_before_the_work_begins(
+    tmp_path: Path, figure: Command, monkeypatch
+) -> None:
+    def work(_: object) -> xr.Dataset:
+        raise AssertionError
+
+    monkeypatch.setitem(FIGURES, "phase", FIGURES["phase"]._replace(data=work))
+    (tmp_path / "phase.png").mkdir()
+    status, said = figure("phase", "-o", tmp_path, "--force")
+    assert (status, said.count("\n")) == (2, 1)
+    assert "phase.png' cannot be written: it is a folder" in said

@@ -5,10 +5,11 @@ from pathlib import Path
 import click
 
 from compare.cli.options import force_option, path_type
+from compare.cli.stopping import Stop
 from compare.cli.terminal import open_bars, progress_on, say
 from compare.pictures import animate as make_film
 from experiment.archive import read
-from experiment.archive.files import refuse_existing
+from experiment.archive.files import refuse_existing, refuse_folder
 from experiment.archive.places import beside
 
 __all__ = ["animate"]
@@ -41,9 +42,20 @@ def animate(
     Example: stratify animate pours/glass-sugar/continuum.nc -o pour.mp4
     """
     film = output or beside(file.with_suffix(".mp4"))
+    refuse_folder(film)
     refuse_existing([film], force=force)
     archive = read(file)
-    with open_bars() as bars, progress_on(film.name, bars, "filmed") as progress:
+    with (
+        Stop() as stop,
+        open_bars() as bars,
+        progress_on(film.name, bars, "filmed") as progress,
+    ):
+
+        def tell(share: float) -> None:
+            progress(share)
+            if stop():
+                raise KeyboardInterrupt
+
         make_film(
             archive,
             film,
@@ -52,6 +64,6 @@ def animate(
             start=start,
             end=end,
             force=force,
-            progress=progress,
+            progress=tell,
         )
     say(f"wrote {film}")

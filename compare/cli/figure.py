@@ -9,7 +9,7 @@ from compare.cli.options import force_option, path_type
 from compare.cli.terminal import open_bars, progress_on, say
 from compare.pictures import save
 from compare.pictures.paper import FIGURES
-from experiment.archive.files import refuse_existing, whole_file
+from experiment.archive.files import refuse_existing, refuse_folder, whole_file
 from experiment.archive.layout import CONVENTIONS, REFERENCES, history
 from experiment.archive.provenance import made_by
 from experiment.archive.storage import write_whole
@@ -41,6 +41,8 @@ def figure(name: str, folder: Path, with_data: bool, force: bool) -> None:
     """
     endings = [".pdf", ".png", *([".nc"] if with_data else [])]
     paths = {ending: folder / f"{name}{ending}" for ending in endings}
+    for path in paths.values():
+        refuse_folder(path)
     refuse_existing(paths.values(), force=force)
     told = FIGURES[name]
     with open_bars() as bars, progress_on(name, bars) as progress:

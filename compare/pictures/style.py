@@ -25,6 +25,7 @@ __all__ = [
     "MARKS",
     "MODEL_NAMES",
     "ORANGE",
+    "PURPLE",
     "SETTLED",
     "VERMILION",
     "edges",
@@ -33,6 +34,7 @@ __all__ = [
 ]
 
 BLUE, GREEN, ORANGE, VERMILION = "#0072b2", "#009e73", "#e69f00", "#d55e00"
+PURPLE = "#cc79a7"
 LIGHT_BLUE, LIGHT_YELLOW = "#7fc4ea", "#f5e5a3"
 KINK: dict[str, Any] = {"color": VERMILION, "linewidth": 1.6}
 FRONT: dict[str, Any] = {"color": BLUE, "linewidth": 1.6}

@@ -20,7 +20,7 @@ import numpy as np
 import xarray as xr
 
 from compare.pictures.paper.look import THIN, letter, page
-from compare.pictures.style import style
+from compare.pictures.style import GREEN, PURPLE, style
 from compare.quantities import named
 from continuum import Law, law_of
 from continuum.theory.collisions import amplification, capture, generalised_repose_slope
@@ -38,8 +38,8 @@ BEND = 0.25  # psi, the width over which the thin curves bend
 SHARE = 0.5  # of either species at the surface
 DRAWN = {  # symbol and colour
     "capture": ("b", "black"),
-    "amplification": ("a", "#009e73"),
-    "cross_amplification": ("x", "#cc79a7"),
+    "amplification": ("a", GREEN),
+    "cross_amplification": ("x", PURPLE),
 }
 FUNCTIONS = {
     "capture": "capture b_a of rolling a",

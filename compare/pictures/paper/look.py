@@ -4,6 +4,8 @@ from collections.abc import Iterable
 from string import ascii_lowercase
 from typing import TYPE_CHECKING, Any
 
+from compare.pictures.style import BLUE, VERMILION
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -12,8 +14,8 @@ __all__ = ["LARGE", "SMALL", "THIN", "letter", "page"]
 
 WIDTH = 7.2  # inches, of a page
 DOTS = 150  # an inch, where a figure is made of them
-SMALL: dict[str, Any] = {"color": "#0072b2"}
-LARGE: dict[str, Any] = {"color": "#d55e00"}
+SMALL: dict[str, Any] = {"color": BLUE}
+LARGE: dict[str, Any] = {"color": VERMILION}
 THIN: dict[str, Any] = {"linewidth": 0.8, "linestyle": "--"}
 
 

@@ -46,7 +46,6 @@ HEIGHTS = np.arange(0.05, 33.0, 0.1)  # cm
 THICKER = 2.0  # times, rolling grains are drawn
 SAID: dict[str, Any] = {"ha": "right", "va": "top", "fontsize": "small"}
 POINTING: dict[str, Any] = {"arrowprops": {"arrowstyle": "->"}, "fontsize": "small"}
-SHADES = {"small, at rest": "#00224e", "large, at rest": "#fee838"}  # the ends of cividis
 
 
 def onset() -> xr.Dataset:
@@ -138,7 +137,14 @@ def _draw(axes: "Axes", at: xr.Dataset) -> None:
 
 
 def _patches() -> list["Patch"]:
+    from matplotlib import colormaps, rcParams
     from matplotlib.patches import Patch
 
-    rolling = {"small, rolling (twice as thick)": SMALL["color"], "large, rolling": LARGE["color"]}
-    return [Patch(color=colour, label=name) for name, colour in (SHADES | rolling).items()]
+    small, large = colormaps[rcParams["image.cmap"]]([0.0, 1.0])
+    meanings = {
+        "small, at rest": small,
+        "large, at rest": large,
+        "small, rolling (twice as thick)": SMALL["color"],
+        "large, rolling": LARGE["color"],
+    }
+    return [Patch(color=colour, label=name) for name, colour in meanings.items()]

@@ -31,7 +31,7 @@ import xarray as xr
 
 from compare.campaign import Pour, campaign
 from compare.pictures.paper.look import page
-from compare.pictures.style import edges, style
+from compare.pictures.style import BLUE, LIGHT_BLUE, ORANGE, edges, style
 from compare.quantities import named
 from compare.regimes import SEGREGATED
 from experiment import Experiment, load
@@ -49,8 +49,8 @@ MEAN_DIAMETER = 0.1  # cm
 RATIOS = tuple(np.linspace(1.05, 2.95, 20).tolist())
 DELTAS = tuple(np.linspace(-0.2875, 0.2875, 24).tolist())
 EXAMPLES = ((0.3, 0.25), (0.3, -0.1), (0.03, -0.1))  # psi and delta; two are the caption's
-LAYERS = {"stratified": "#0072b2", "layered-and-segregated": "#7fc4ea"}
-STRONGEST = "#e69f00"
+LAYERS = {"stratified": BLUE, "layered-and-segregated": LIGHT_BLUE}
+STRONGEST = ORANGE
 PSI_TICKS = (0.0, 0.1, 0.2, 0.3)
 WORDS: tuple[tuple[float, float, str, dict[str, Any]], ...] = (  # delta, d2 / d1
     (-0.19, 2.0, "strong segregation", {}),
