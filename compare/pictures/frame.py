@@ -10,8 +10,8 @@ import numpy as np
 import xarray as xr
 
 from compare.pictures.moment import Course, Moment
-from compare.pictures.stage import FEED, GAP, LARGE, MARK, RIGHT, Pixels, set_stage
-from compare.pictures.style import FRONT, KINK, style
+from compare.pictures.stage import FEED, FRONT_MARK, GAP, KINK_MARK, LARGE, RIGHT, Pixels, set_stage
+from compare.pictures.style import style
 from compare.quantities import values_of
 from experiment.archive import experiment_of
 from experiment.arrays import Floats, Ints
@@ -83,8 +83,8 @@ class Frames:
         [self._stream] = axes.plot([], [], **FEED)
         [self._surface] = axes.plot([], [], color="w", linewidth=1.2)
         [self._rim] = axes.plot([], [], color="0.25", linewidth=0.8)
-        [self.fronts] = axes.plot([], [], color=FRONT["color"], marker=CARETDOWN, **MARK)
-        [self.kinks] = axes.plot([], [], color=KINK["color"], marker=CARETDOWN, **MARK)
+        [self.fronts] = axes.plot([], [], **FRONT_MARK)
+        [self.kinks] = axes.plot([], [], **KINK_MARK | {"marker": CARETDOWN})
         place = 1.0 - RIGHT / width, 1.0 - GAP / height
         self._clock = canvas.figure.text(*place, "", ha="right", va="top", fontsize=LARGE)
         self._moving: list[Artist] = [

@@ -20,7 +20,17 @@ if TYPE_CHECKING:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.legend import Legend
 
-__all__ = ["FEED", "GAP", "LARGE", "MARK", "RIGHT", "Pixels", "Stage", "set_stage"]
+__all__ = [
+    "FEED",
+    "FRONT_MARK",
+    "GAP",
+    "KINK_MARK",
+    "LARGE",
+    "RIGHT",
+    "Pixels",
+    "Stage",
+    "set_stage",
+]
 
 DPI = 110
 LARGE = 11  # points, of title and time
@@ -33,6 +43,8 @@ MAGNIFIED = (1, 2, 3, 4, 5, 6, 8, 10, 15, 20)
 BEFORE_POURING: dict[str, Any] = {"color": "0.85", "linewidth": 0}
 FEED: dict[str, Any] = {"color": "0.5", "linewidth": 1.5}
 MARK: dict[str, Any] = {"linestyle": "", "markersize": 9, "markeredgecolor": "w"}
+KINK_MARK: dict[str, Any] = {"color": KINK["color"], "marker": "v"} | MARK
+FRONT_MARK: dict[str, Any] = {"color": FRONT["color"], "marker": "o"} | MARK
 
 
 class Pixels(NamedTuple):
@@ -116,11 +128,12 @@ def _meanings(stage: Stage, archive: xr.Dataset, course: Course) -> "list[Artist
     if values_of(archive, "base_height").any():
         meanings.append(Patch(**BEFORE_POURING, label="before pouring"))
     since = f"(from {settled_since(archive):.0f} s on)"
-    lines = (course.has_kinks, "kink", KINK), (course.has_fronts, "avalanche front", FRONT)
+    lines = (
+        (course.has_kinks, "kink", KINK_MARK),
+        (course.has_fronts, "avalanche front", FRONT_MARK),
+    )
     meanings += [
-        Line2D([], [], color=line["color"], label=f"{name} {since}", marker="v", **MARK)
-        for there, name, line in lines
-        if there
+        Line2D([], [], label=f"{name} {since}", **mark) for there, name, mark in lines if there
     ]
     if experiment_of(archive).feed.source is not None:
         meanings.append(Line2D([], [], label="feed", **FEED))
