@@ -2,10 +2,15 @@
 
 import math
 import socket
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from random import Random
 
 import numpy as np
 import pytest
+from bokeh.document import Document
+from bokeh.io.doc import patch_curdoc
+from bokeh.models import Scatter, VArea
 from click.testing import CliRunner
 
 import ca_model
@@ -13,13 +18,16 @@ from compare import measure
 from compare.campaign import CHECK
 from compare.cli import explore as command
 from compare.cli.explore import explore
+from compare.explore import page as explore_page
 from compare.explore import words
 from compare.explore.clock import Clock
+from compare.explore.controls import PREDICT
 from compare.explore.desk import Desk, Stage, presets
 from compare.explore.knobs import KNOBS, turned
+from compare.explore.page import Page
 from compare.explore.pours import Numbers, Pours
 from compare.explore.prediction import Guess, Try, judge, score
-from compare.explore.view import NOTHING, SHADES, image_of
+from compare.explore.view import LARGE, NOTHING, SHADES, SMALL, Pile, Window, image_of
 from compare.regimes import LAYERED_REGIMES
 from experiment import Experiment, SetupError, load, preset_names
 
@@ -107,6 +115,29 @@ def test_what_cannot_be_poured_is_said_in_a_line_and_the_last_good_set_up_stays(
     desk.turn(knob, KNOBS[knob].read(before))
     assert desk.complaint == ""
     assert desk.setup == before
+
+
+def test_what_cannot_be_poured_is_poured_once_and_the_last_good_pours_stay(pours: Pours) -> None:
+    desk = Desk("glass-sugar")
+    desk.refuse(desk.setup, "no sand")
+    assert (desk.complaint, desk.wanted) == ("no sand", None)
+    desk.take(pours)
+    desk.turn("angle_2", 30.0)
+    desk.refuse(desk.setup, "no sand")
+    assert desk.complaint == "no sand"
+    assert desk.setup == pours.setup
+
+
+def test_who_has_gone_on_does_not_hear_of_a_pour_that_failed(pours: Pours) -> None:
+    desk = Desk("glass-sugar")
+    desk.take(pours)
+    desk.turn("angle_2", 30.0)
+    left = desk.setup
+    desk.turn("angle_2", 20.0)
+    desk.refuse(left, "no sand")
+    assert desk.complaint == ""
+    assert desk.wanted is desk.setup
+    assert desk.knob("angle_2") == 20.0
 
 
 @pytest.mark.parametrize("preset", ["glass-sugar", "makse-stratification"])
@@ -218,7 +249,7 @@ def test_a_prediction_hides_the_pile_runs_it_and_is_judged_at_its_end(pours: Pou
     desk.predict(on=True)
     assert (desk.stage, desk.clock.share) == (Stage.OPEN, 0.0)
     desk.run(Guess("layers", 1.2))
-    desk.clock.tick(desk.clock.lasts / 2)
+    desk.clock.tick(0.95 * desk.clock.lasts)
     assert not desk.due
     assert desk.judge() == []
     desk.clock.tick(desk.clock.lasts)
@@ -236,9 +267,13 @@ def test_what_is_hidden_is_not_told(pours: Pours) -> None:
     shown = words.numbers_told(pile, found)
     assert "1.216" in shown
     assert "layers" in shown
-    hidden = words.numbers_told(pile, None)
+    hidden = words.numbers_told(pile, words.HIDDEN)
     assert hidden.count(">hidden<") == 3
     assert "1.2" not in hidden
+    pouring = words.numbers_told(pours.of["ca_model"], words.POURING)
+    assert "acts as" in words.numbers_told(pours.of["ca_model"], words.HIDDEN)
+    assert "acts as" not in pouring
+    assert pouring.count(">…<") == 2
     assert "expected" not in words.delta_told(pours.setup, hidden=True)
 
 
@@ -260,6 +295,139 @@ def test_the_picture_sent_is_the_deposit(pours: Pours) -> None:
         fraction = pile.archive["deposit_fraction"].isel(species=1)
         assert image[laid].mean() / (SHADES - 1) == pytest.approx(float(fraction.mean()), abs=0.01)
         assert laid.mean() == pytest.approx(float(fraction.notnull().mean()), abs=0.01)
+        assert (laid[5, -1], laid[-5, -1]) == (True, False)  # from the floor up
+
+
+def test_the_key_names_the_colours_of_the_picture(pours: Pours) -> None:
+    key = words.key_told(pours.setup, 5)
+    order = [key.index(one) for one in (SMALL, "glass (small)", LARGE, "sugar (large)")]
+    assert order == sorted(order)
+
+
+def test_sizes_are_told_in_millimetres(pours: Pours) -> None:
+    told = words.sizes_told(pours.setup, pours.of["ca_model"])
+    assert "3 small ones high, a column 2.7 mm wide" in told
+    assert "surface layer 0.54 mm, curvature length 0.54 mm" in told
+
+
+class Later:
+    """Workers who do what they are asked to once they are told."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[Future[object], Callable[[], object]]] = []
+
+    def submit(self, work: Callable[[], object]) -> Future[object]:
+        future: Future[object] = Future()
+        self.asked.append((future, work))
+        return future
+
+    def work(self) -> None:
+        asked, self.asked = self.asked, []
+        for future, work in asked:
+            try:
+                future.set_result(work())
+            except Exception as error:
+                future.set_exception(error)
+
+
+@pytest.fixture
+def visit(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Page, Later]]:
+    """A page that nobody looks at, and its workers."""
+    workers = Later()
+    monkeypatch.setattr(explore_page, "WORKERS", workers)
+    document = Document()
+    with patch_curdoc(document):
+        yield Page(), workers
+
+
+def ticks(page: Page, workers: Later) -> None:
+    """Until all that was asked for is there."""
+    for _ in range(3):
+        page.tick()
+        workers.work()
+        page.tick()
+
+
+def test_of_other_settings_than_those_asked_for_no_numbers_are_told(
+    visit: tuple[Page, Later],
+) -> None:
+    page, workers = visit
+    page.desk.clock.turn(1.0)
+    ticks(page, workers)
+    told = page.controls.numbers["continuum"]
+    assert ">layers<" in told.object
+    page.controls.knobs["angle_2"].value = 10.0
+    page.tick()
+    assert "&minus;0.31" in page.controls.delta.object
+    assert "pouring" in told.object
+    workers.work()  # the pour; it is not measured yet
+    page.tick()
+    assert "pouring" in told.object
+    ticks(page, workers)
+    assert ">segregated<" in told.object
+
+
+def test_a_prediction_runs_only_what_is_poured(visit: tuple[Page, Later]) -> None:
+    page, workers = visit
+    ticks(page, workers)
+    page.controls.mode.value = PREDICT
+    page.controls.pattern.value = "layers"
+    page.controls.knobs["angle_2"].value = 10.0
+    page.tick()
+    assert page.controls.run.disabled
+    ticks(page, workers)
+    assert not page.controls.run.disabled
+    assert page.controls.numbers["continuum"].object.count(">hidden<") == 3
+
+
+def test_a_pour_that_breaks_down_is_told_once_and_the_page_goes_on(
+    visit: tuple[Page, Later], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    page, workers = visit
+
+    def broken(_: Experiment) -> Pours:
+        raise ArithmeticError("no <sand>")
+
+    with monkeypatch.context() as breaking:
+        breaking.setattr(explore_page, "Pours", broken)
+        ticks(page, workers)
+    assert page.controls.complaint.visible
+    assert "no &lt;sand&gt;" in page.controls.complaint.object
+    assert len(caplog.records) == 1
+    assert workers.asked == []
+    page.controls.knobs["angle_2"].value = 10.0
+    ticks(page, workers)
+    assert not page.controls.complaint.visible
+    assert page.desk.wanted is None
+
+
+def test_what_rolls_lies_on_the_pile_small_grains_beneath_and_marks_where_they_are(
+    pours: Pours,
+) -> None:
+    window, pile = Window(), pours.of["continuum"]
+    window.fit([pile])
+    shown = Pile(window, "continuum")
+    shown.show(pile)
+    share = next(one for one in np.linspace(0.5, 1, 50) if len(pile.at(one).kinks))
+    moment = pile.at(share)
+    shown.show_at(pile, moment, 0.0)
+    drawn = {glyph.glyph: glyph.data_source.data for glyph in shown.figure.renderers}
+    bands = {
+        glyph.fill_color: data[glyph.y2] - data[glyph.y1]
+        for glyph, data in drawn.items()
+        if isinstance(glyph, VArea) and glyph.fill_color in (SMALL, LARGE)
+    }
+    assert shown.exaggeration > 1
+    rolling = shown.exaggeration * moment.rolling
+    np.testing.assert_allclose(bands[SMALL][1:-1], rolling[:, 0], atol=1e-12)
+    np.testing.assert_allclose(bands[LARGE][1:-1], rolling.sum(axis=1), atol=1e-12)  # behind it
+    marks = {
+        glyph.marker: np.column_stack([data["x"], data["z"]])
+        for glyph, data in drawn.items()
+        if isinstance(glyph, Scatter)
+    }
+    np.testing.assert_array_equal(marks["triangle"], moment.kinks)
+    np.testing.assert_array_equal(marks["circle"], moment.fronts)
 
 
 def refused(*arguments: str) -> str:

@@ -24,7 +24,7 @@ class Controls:
     def __init__(self, presets: dict[str, str]) -> None:
         """Of `presets`, names by titles."""
         self.mode = pn.widgets.RadioButtonGroup(options=[EXPLORE, PREDICT], value=EXPLORE, **_wide)
-        self.preset = pn.widgets.Select(name="preset", options=presets, **_wide)
+        self.preset = pn.widgets.Select(label="preset", options=presets, **_wide)
         self.knobs = {
             name: _slider(knob.label, name, format="0[.]0" if knob.step >= 0.5 else "0[.]000")
             for name, knob in KNOBS.items()
@@ -32,21 +32,21 @@ class Controls:
         self.save = pn.widgets.FileDownload(
             filename="setup.toml", label="Save set-up (TOML)", **_wide
         )
-        self.play = _button("▶ Play", 130, button_type="primary")
+        self.play = _button("▶ Play", 130, color="primary")
         self.again = _button("From the start", 155)
         # A share of the pour: a browser's keys do not learn of another range.
         self.time = _slider("", "time", show_value=False, step=0.001)
         self.pace = pn.widgets.Select(
-            name="whole pour", options=PACES, value=Clock.lasts, width=110, **_styled
+            label="whole pour", options=PACES, value=Clock.lasts, width=110, **_styled
         )
         self.pattern = pn.widgets.RadioBoxGroup(
             options=list(PATTERNS), inline=True, width=300, **_styled
         )
         self.pattern.value = None  # for the visitor to choose
         self.wavelength = pn.widgets.FloatInput(
-            name="wavelength (cm), a guess", start=0.0, step=0.1, value=None, width=185, **_styled
+            label="wavelength (cm), a guess", start=0.0, step=0.1, value=None, width=185, **_styled
         )
-        self.run = _button("Run", 90, button_type="primary")
+        self.run = _button("Run", 90, color="primary")
         self.draw = _button("Another set-up", 155)
         self.delta, self.complaint, self.sizes, self.scores = (_text() for _ in range(4))
         self.clock, self.key = _text(words.NO_TIME), _text(words.NO_KEY)
@@ -110,9 +110,9 @@ def _text(html: str = "") -> pn.pane.HTML:
     return pn.pane.HTML(html, **_wide)
 
 
-def _button(name: str, width: int, **how: Any) -> pn.widgets.Button:
-    return pn.widgets.Button(name=name, width=width, **how, **_styled)
+def _button(label: str, width: int, **how: Any) -> pn.widgets.Button:
+    return pn.widgets.Button(label=label, width=width, **how, **_styled)
 
 
 def _slider(label: str, name: str, **how: Any) -> pn.widgets.FloatSlider:
-    return pn.widgets.FloatSlider(name=label, tooltips=False, css_classes=[name], **how, **_wide)
+    return pn.widgets.FloatSlider(label=label, tooltips=False, css_classes=[name], **how, **_wide)

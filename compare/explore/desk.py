@@ -63,6 +63,7 @@ class Desk:
         self.clock = Clock()
         self.pours: Pours | None = None
         self.complaint = ""
+        self._refused: Experiment | None = None
         self.stage = Stage.NONE
         self.tries: list[Try] = []
         self._guess: Guess | None = None
@@ -109,17 +110,23 @@ class Desk:
 
     @property
     def wanted(self) -> Experiment | None:
-        """The set-up that should be poured; None where the pours are there."""
+        """The set-up that should be poured; None where the pours are there, or cannot be."""
         there = self.pours is not None and self.pours.setup == self.setup
-        return None if there else self.setup
+        return None if there or self.setup == self._refused else self.setup
 
     def take(self, pours: Pours) -> None:
         """Have these pours before one."""
         self.pours = pours
 
-    def refuse(self, complaint: str) -> None:
-        """Stay with the pours that are there, for the set-up cannot be poured."""
+    def refuse(self, setup: Experiment, complaint: str) -> None:
+        """Stay with the pours that are there, for this set-up cannot be poured.
+
+        Who has gone on to another set-up need not hear of it.
+        """
+        if setup != self.setup:
+            return
         self.complaint = complaint
+        self._refused = setup
         if self.pours is not None:
             self.setup = self.pours.setup
 

@@ -5,6 +5,7 @@ desk only, and the next tick, which has the lock, shows it. What is slow, pours 
 done by WORKERS, of which all visitors share a few.
 """
 
+import logging
 import math
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -49,7 +50,7 @@ class Page:
         self._last = monotonic()
         self._listen()
         self._show_setup()
-        curdoc().add_periodic_callback(self._tick, PERIOD)
+        curdoc().add_periodic_callback(self.tick, PERIOD)
 
     # What the visitor does
 
@@ -91,31 +92,32 @@ class Page:
 
     # What takes its time
 
-    def _work(self, kind: str, work: Callable[[], Any]) -> Any:
-        """What comes of `work`, done by a worker, of each kind one at a time; None before it is."""
+    def _work(self, kind: str, work: Callable[[], Any]) -> Future[Any] | None:
+        """`work`, once it is done by a worker, of each kind one at a time; None before."""
         if kind not in self._at_work:
             self._at_work[kind] = WORKERS.submit(work)
-        if not self._at_work[kind].done():
-            return None
-        return self._at_work.pop(kind).result()
+        return self._at_work.pop(kind) if self._at_work[kind].done() else None
 
     def _pour(self) -> None:
         """Have poured what is wanted, and take it."""
-        if self.desk.wanted is None and "pour" not in self._at_work:
+        if "pour" not in self._at_work:
+            if self.desk.wanted is None:
+                return
+            self._asked = self.desk.setup
+        done = self._work("pour", partial(Pours, self._asked))
+        if done is None:
             return
-        try:
-            pours = self._work("pour", partial(Pours, self.desk.setup))
-        except (StratifyError, MemoryError) as error:
-            self.desk.refuse(str(error))
-            self._changed = True
+        self._changed = True
+        if (error := done.exception()) is not None:
+            self.desk.refuse(self._asked, str(error) or type(error).__name__)
+            if not isinstance(error, StratifyError):
+                logging.getLogger(__name__).error("a pour failed", exc_info=error)
             return
-        if pours is None:
-            return
+        pours = done.result()
         self.desk.take(pours)
         self.window.fit(list(pours.of.values()))
         for model, pile in pours.of.items():
             self.piles[model].show(pile)
-        self._changed = True
 
     def _numbers(self) -> dict[str, Numbers] | None:
         """What is measured of both piles as far as they have come; None until it is."""
@@ -123,22 +125,24 @@ class Page:
         if pours is None:
             return None
         if pours.known(share) is None:
-            self._work("measure", partial(pours.measure, share))
+            done = self._work("measure", partial(pours.measure, share))
+            if done is not None:
+                done.result()
         return pours.known(share)
 
     # What is shown
 
-    def _tick(self) -> None:
+    def tick(self) -> None:
+        """Go on with what is at work, and show what has changed."""
         now = monotonic()
         passed, self._last = now - self._last, now
         self._pour()
+        if self._changed:
+            self._show_setup()
+            self._changed, self._moved = False, True
         if self.desk.pours is None:
             return
         self._moved |= self.desk.clock.tick(passed)
-        if self._changed:
-            self._show_setup()
-        self._moved |= self._changed
-        self._changed = False
         if self._moved and all(pile.ready(now) for pile in self.piles.values()):
             self._show_piles()
             self._moved = False
@@ -152,7 +156,9 @@ class Page:
         controls.complaint.object = words.complaint_told(desk.complaint)
         controls.complaint.visible = bool(desk.complaint)
         controls.prediction.visible = desk.stage is not Stage.NONE
-        controls.run.disabled = not hidden or controls.pattern.value is None
+        controls.run.disabled = (
+            not hidden or desk.wanted is not None or controls.pattern.value is None
+        )
         controls.play.disabled = controls.again.disabled = hidden
         if desk.pours is not None:
             controls.key.object = words.key_told(desk.setup, self.piles["ca_model"].exaggeration)
@@ -171,7 +177,7 @@ class Page:
         desk, controls = self.desk, self.controls
         if desk.pours is None:
             return
-        controls.play.name = "❚❚ Pause" if desk.clock.playing else "▶ Play"
+        controls.play.label = "❚❚ Pause" if desk.clock.playing else "▶ Play"
         controls.clock.object = words.time_told(desk.clock.share, desk.pours.duration)
         self._quiet = True
         controls.time.value = desk.clock.share
@@ -182,15 +188,18 @@ class Page:
             self.piles[model].show_at(pile, pile.at(desk.clock.share), self._last)
 
     def _show_numbers(self) -> None:
+        """Those of what is asked for: of what was poured for other settings, none are told."""
         desk, numbers = self.desk, self._numbers()
-        if desk.pours is None or numbers is None:
+        if desk.pours is None:
             return
+        unseen = words.POURING if desk.wanted else words.HIDDEN if desk.stage is Stage.OPEN else ""
+        if not unseen and numbers is None:
+            return  # what was told of an earlier share, or that it is being poured, stays
         if desk.due:
             self.controls.scores.object = words.scores_told(desk.judge())
         verdicts = desk.tries[-1].verdicts if desk.stage is Stage.JUDGED else {}
         for model, pile in desk.pours.of.items():
-            found = None if desk.stage is Stage.OPEN else numbers[model]
-            verdict = verdicts.get(model)
-            told = words.numbers_told(pile, found, verdict)
+            found = unseen if unseen or numbers is None else numbers[model]
+            told = words.numbers_told(pile, found, verdicts.get(model))
             if self.controls.numbers[model].object != told:
                 self.controls.numbers[model].object = told

@@ -11,8 +11,10 @@ from compare.pictures.style import FRONT, KINK, MODEL_NAMES
 from experiment import Experiment
 
 __all__ = [
+    "HIDDEN",
     "NO_KEY",
     "NO_TIME",
+    "POURING",
     "WAITING",
     "complaint_told",
     "delta_told",
@@ -38,14 +40,16 @@ MEANING = {
     ),
     "hidden": "Large grains are number 2, small ones number 1. What will the pile look like?",
 }
-NOT_YET, HIDDEN, NONE = "not yet", "hidden", "none"
+NOT_YET, NONE, HIDDEN, POURING = "not yet", "none", "hidden", "pouring"
+UNSEEN = {HIDDEN: HIDDEN, POURING: "…"}
 SAID = {
     "stratified": "layers",
     "layered-and-segregated": "layers + zones",
     "segregated": "segregated",
     "mixed": "mixed",
     "unsettled": NOT_YET,
-    "hidden": HIDDEN,
+    HIDDEN: HIDDEN,
+    POURING: "pouring …",
 }
 
 
@@ -65,28 +69,29 @@ def complaint_told(complaint: str) -> str:
     return f'<p class="complaint" role="alert">{escape(complaint)}</p>'
 
 
-def numbers_told(pile: Poured, found: Numbers | None, verdict: Verdict | None = None) -> str:
-    """The name of a model, and what is `found` in its pile so far; None: that is hidden."""
-    regime = "hidden" if found is None else found.regime
+def numbers_told(pile: Poured, found: Numbers | str, verdict: Verdict | None = None) -> str:
+    """The name of a model, and what is `found` in its pile so far; or HIDDEN, or POURING."""
+    if isinstance(found, str):
+        regime, wavelength, kinks, nothing = found, "", "", UNSEEN[found]
+    else:
+        regime, nothing = found.regime, NOT_YET if found.regime == "unsettled" else NONE
+        wavelength = _with_error(found.wavelength, found.wavelength_error)
+        kinks = _with_error(found.kink_velocity, found.kink_velocity_error)
     told = {
         "regime": ("it laid", SAID[regime]),
-        "wavelength": ("wavelength (cm)", HIDDEN),
-        "kinks": ("kinks climb at (cm/s)", HIDDEN),
+        "wavelength": ("wavelength (cm)", wavelength or nothing),
+        "kinks": ("kinks climb at (cm/s)", kinks or nothing),
     }
-    if found is not None:
-        nothing = NOT_YET if regime == "unsettled" else NONE
-        numbers = {
-            "wavelength": _with_error(found.wavelength, found.wavelength_error),
-            "kinks": _with_error(found.kink_velocity, found.kink_velocity_error),
-        }
-        told |= {name: (told[name][0], number or nothing) for name, number in numbers.items()}
+    empty = {NOT_YET, NONE, *UNSEEN.values()}
     cells = "".join(
         f'<div><dt>{label}</dt><dd><output class="value {name}'
-        f'{" nothing" if value in (HIDDEN, NOT_YET, NONE) else ""}">{value}</output></dd></div>'
+        f'{" nothing" if value in empty else ""}">{value}</output></dd></div>'
         for name, (label, value) in told.items()
     )
     model = pile.archive.attrs["model"]
-    acts = f": acts as δ = {_signed(pile.delta)}" if model == "ca_model" else ""
+    acts = ""
+    if model == "ca_model" and found != POURING:
+        acts = f": acts as δ = {_signed(pile.delta)}"
     return (
         f'<section class="numbers {regime}" aria-label="{MODEL_NAMES[model]}">'
         f"<h2>{MODEL_NAMES[model]}<small>{acts}</small>{_judged(verdict)}</h2>"
