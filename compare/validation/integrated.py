@@ -105,7 +105,7 @@ def integrated(experiment: Experiment, x: Floats) -> tuple[Floats, Floats, Float
 
         def unbalanced(unknown: Floats) -> Floats:
             phi = np.append(unknown[:-1], 1.0 - unknown[:-1].sum())
-            return exchange(experiment, rolling, phi, unknown[-1]) / rise + phi
+            return np.asarray(exchange(experiment, rolling, phi, unknown[-1]) / rise + phi)
 
         nonlocal guess
         found = root(unbalanced, guess, tol=CLOSE)
@@ -116,7 +116,7 @@ def integrated(experiment: Experiment, x: Floats) -> tuple[Floats, Floats, Float
 
     def downhill(_: float, rolling: Floats) -> Floats:
         phi = surface(rolling)[:-1]
-        return -rise * np.append(phi, 1.0 - phi.sum()) / velocity
+        return np.asarray(-rise * np.append(phi, 1.0 - phi.sum()) / velocity)
 
     span = (0.0, float(x[-1]))
     rolling = solve_ivp(downhill, span, fed, t_eval=x, rtol=1e-8, atol=CLOSE).y.T
