@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from datetime import UTC, date, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,13 +21,13 @@ from test_command_line import refused, stratify
 
 import compare.validation.steady
 from compare.cli import cli
-from compare.validation import Check, page, record, table, validate
+from compare.validation import Check, integrated, page, record, table, validate
 from compare.validation import report as reports
 from compare.validation.lattice import drawn_setup, kernels_agree
 from compare.validation.report import Made, made, tally
 from compare.validation.subjects import GROUPS, SUBJECTS, Finding
 from continuum.theory import steady_state_of
-from experiment import SetupError, load
+from experiment import Experiment, SetupError, load
 from experiment.archive.provenance import made_by
 
 Poured = Callable[..., xr.Dataset]
@@ -71,6 +72,23 @@ def test_another_mixture_than_that_of_the_theory_is_caught(
     state = steady_state_of(load("makse-profile"))
     assert state.middle == 12.5, "theory is that of the presets as they are"
     assert any(caught in what for what in failing(subject, changed(poured, wrong)))
+
+
+def test_a_pour_with_its_cross_rates_swapped_is_caught(
+    poured: Poured, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Both programs have one law: the other one is swapped here, for it needs no compilation."""
+    right = integrated.exchange
+
+    def swapped(experiment: Experiment, *there: Any) -> Any:
+        rates = np.transpose(experiment.mixture.collision_rate).tolist()
+        return right(experiment.with_values({"mixture.collision_rate": rates}), *there)
+
+    settings = (*integrated.SMOOTH, *integrated.MIXTURES["canonical"], "continuum.cells=75")
+    archive = poured("continuum", "canonical", *settings)
+    assert max(integrated.errors_of(archive)) < 4 * integrated.BOUND  # on coarse cells
+    monkeypatch.setattr(integrated, "exchange", swapped)
+    assert max(integrated.errors_of(archive)) > 10 * integrated.BOUND
 
 
 def test_grains_that_vanish_are_caught(poured: Poured) -> None:
@@ -190,6 +208,12 @@ def test_the_record_is_json_with_nulls_where_there_is_no_number() -> None:
     assert (seen["observed"], seen["holds"]) == (True, False)
     only_seen = record([found[0], found[2]], BY)
     assert only_seen["holds"] is True, "an observation does not count"
+
+
+def test_what_numpy_found_is_json_too() -> None:
+    found = Check("an order", "", 1.0, np.float64(1.01), 0.1)
+    told = json.loads(json.dumps(record([Finding("continuum.bcre", found)], BY)))
+    assert told["checks"][0]["holds"] is True
 
 
 def test_the_table_has_a_row_for_each_subject_and_each_check(poured: Poured) -> None:

@@ -41,7 +41,7 @@ class Check(NamedTuple):
     @property
     def holds(self) -> bool:
         """Whether they are as close as they should be; what could not be found is not."""
-        return abs(self.difference) <= self.bound
+        return bool(abs(self.difference) <= self.bound)
 
 
 Checks = Iterator[Check]

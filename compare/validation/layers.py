@@ -38,7 +38,14 @@ COARSE, FINE = (100, 200, 400), (200, 400, 800)
 SECTION_V = "Makse 1997, sec. V"
 LAYERED = "makse-stratification"
 STRATIFIES = (LAYERED, "glass-sugar")
-KEPT = ("makse-profile", "makse-stratification", "makse-segregation", "glass-sugar", "ternary")
+KEPT = (  # grains fall off both ends of the heap
+    "makse-profile",
+    "makse-stratification",
+    "makse-segregation",
+    "glass-sugar",
+    "ternary",
+    "heap",
+)
 
 
 def prototype(poured: Poured) -> Checks:
@@ -113,7 +120,7 @@ def stratification(poured: Poured) -> Checks:
 def balance(name: str, found: xr.Dataset, grain: float = 0.0) -> Checks:
     """The wavelength in the deposit against R0 v T / L, T from the kymograph.
 
-    To four standard errors and, on a lattice, one (large) `grain` [cm].
+    To the standard error of the difference or, on a lattice, to one (large) `grain` [cm].
     """
     errors = np.hypot(found["wavelength_error"], found["wavelength_of_period_error"])
     yield Check(

@@ -8,7 +8,15 @@ import xarray as xr
 
 import ca_model
 import continuum
-from compare.validation import instrument, lattice, layers, published, steady, waves
+from compare.validation import (
+    instrument,
+    integrated,
+    lattice,
+    layers,
+    published,
+    steady,
+    waves,
+)
 from compare.validation.check import Check, Poured, Subject
 from experiment import SetupError, load
 
@@ -22,6 +30,7 @@ GROUPS = {
 }
 SUBJECTS: dict[str, Subject] = {  # by group.subject
     "continuum.profile": steady.profile,
+    "continuum.any-mixture": integrated.any_mixture,
     "continuum.one-species": steady.one_species,
     "continuum.minimal-model": steady.minimal_model,
     "continuum.bcre": waves.bcre,

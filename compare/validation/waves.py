@@ -215,7 +215,10 @@ def faint_flow(
 
 
 def spectrum(poured: Poured) -> Checks:  # noqa: ARG001
-    """Noise on the steady pile grows, or decays, as the leading mode of its spectrum does."""
+    """Noise on the steady pile grows, or decays, as the leading mode of its spectrum does.
+
+    The spectrum is that of the kernel's own step: this holds the algebra, not the equations.
+    """
     for name, depth, size, steps, share in (
         ("grows", 0.1, 1e-9, 500, 0.02),
         ("decays", 0.5, 1e-6, 1500, 1e-3),
