@@ -221,6 +221,7 @@ BOTH = Numbers("layered-and-segregated", 1.0, 0.01)
         (Guess("layers", 1.0), BOTH, True, 2, 2),
         (Guess("mixed"), BOTH, False, 0, 1),
         (Guess("mixed"), Numbers("mixed"), True, 1, 1),
+        (Guess("mixed"), Numbers("unsettled"), False, 0, 0),
     ],
 )
 def test_a_guess_is_right_where_the_pile_is_what_was_said(
@@ -240,6 +241,25 @@ def test_the_score_counts_every_try_of_both_models() -> None:
     told = words.scores_told(tries)
     assert "Score: 2 of 5" in told
     assert told.index("mixed") < told.index("layers, 1 cm")
+
+
+def test_a_pile_that_is_unclear_to_its_end_is_not_counted(pours: Pours) -> None:
+    [verdict] = judge(Guess("mixed"), {"continuum": Numbers("unsettled")}).values()
+    pile = pours.of["continuum"]
+    assert words.UNCLEAR in words.numbers_told(pile, verdict.found, verdict)
+    assert words.UNCLEAR in words.scores_told([Try(0.1, verdict.guess, {"continuum": verdict})])
+
+
+def test_layers_are_expected_where_delta_is_positive_and_something_sorts_the_grains() -> None:
+    setup = presets()["glass-sugar"]
+    meant = {
+        words.MEANING["positive"]: {},
+        words.MEANING["unsorted"]: {"psi": 0.0},
+        words.MEANING["negative"]: {"angle_2": 20.0, "psi": 0.0},
+    }
+    for meaning, knobs in meant.items():
+        assert meaning in words.delta_told(turned(setup, knobs), hidden=False)
+        assert meaning not in words.delta_told(turned(setup, knobs), hidden=True)
 
 
 def test_a_prediction_hides_the_pile_runs_it_and_is_judged_at_its_end(pours: Pours) -> None:

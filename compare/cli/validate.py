@@ -39,7 +39,7 @@ def validate(only: tuple[str, ...], path: Path | None, as_json: bool, force: boo
     """Run the models against closed forms, conservation laws, each other, and what was observed.
 
     Prints one table; the exit status is 1 where a check does not hold. What was observed in
-    experiments is compared but not counted. All of it takes half a minute, once kernels are
+    experiments is compared but not counted. All of it takes a minute or two, once kernels are
     compiled.
 
     Example: stratify validate --only lattice

@@ -43,7 +43,9 @@ class Verdict(NamedTuple):
 
     @property
     def possible(self) -> int:
-        """How many points there were."""
+        """How many points there were; none where a pile has not told by its end what it is."""
+        if self.found.regime == "unsettled":
+            return 0
         return 1 + int(self.wavelength is not None)
 
 

@@ -34,13 +34,19 @@ WAITING = (
 NO_TIME, NO_KEY = '<p class="clock">time</p>', '<p class="key">&nbsp;</p>'
 MEANING = {
     "positive": "Large grains alone pile steeper than small ones: layers are expected.",
+    "unsorted": (
+        "Large grains alone pile steeper than small ones, but with ψ = 0 they roll no farther on "
+        "small ones: nothing parts them, and no layers are expected."
+    ),
     "negative": (
         "Large grains alone pile no steeper than small ones: two zones are expected, no layers. "
         "Near 0 both models still lay some."
     ),
     "hidden": "Large grains are number 2, small ones number 1. What will the pile look like?",
 }
+LEAST_PSI = 0.005  # 1; what is less is shown as 0
 NOT_YET, NONE, HIDDEN, POURING = "not yet", "none", "hidden", "pouring"
+UNCLEAR = "unclear to the end: not counted"
 UNSEEN = {HIDDEN: HIDDEN, POURING: "…"}
 SAID = {
     "stratified": "layers",
@@ -57,6 +63,8 @@ def delta_told(setup: Experiment, *, hidden: bool) -> str:
     """delta, large, and what the paper says of its sign, unless that is to be predicted."""
     delta = setup.mixture.delta
     sign = "hidden" if hidden else "positive" if delta > 0 else "negative"
+    if sign == "positive" and setup.mixture.psi < LEAST_PSI:
+        sign = "unsorted"
     return (
         f'<div class="delta {sign}"><output class="value">δ = {_signed(delta)}</output>'
         f'<div><p class="formula">δ = tan θ<sub>22</sub> &minus; tan θ<sub>11</sub></p>'
@@ -126,7 +134,8 @@ def sizes_told(setup: Experiment, lattice: Poured | None) -> str:
         f"a column {10 * lattice.archive.attrs['column_width_cm']:.3g} mm wide. "
         f"Continuum: surface layer {10 * mixture.surface_depth:.2g} mm, curvature length "
         f"{10 * mixture.curvature_length:.2g} mm. What sizes do to slopes is ψ: turn that, too. "
-        "Each change pours both piles anew, the same volume however fast.</p>"
+        "Each change pours both piles anew, the same volume however fast, onto the preset's "
+        "slope.</p>"
     )
 
 
@@ -161,6 +170,8 @@ def _judged(verdict: Verdict | None) -> str:
     if verdict is None:
         return ""
     guess, found = verdict.guess, verdict.found
+    if not verdict.possible:
+        return f'<span class="verdict" role="status">{UNCLEAR}</span>'
     words = [(verdict.pattern, guess.pattern)]
     if verdict.wavelength is not None:
         off = guess.wavelength / found.wavelength - 1.0
@@ -181,6 +192,8 @@ def _guessed(guess: Guess) -> str:
 def _found(verdict: Verdict) -> str:
     found = verdict.found
     size = f", {found.wavelength:.2g} cm" if math.isfinite(found.wavelength) else ""
+    if not verdict.possible:
+        return UNCLEAR
     points = f"{verdict.points}/{verdict.possible}"
     return f"{_mark(verdict.pattern)} {SAID[found.regime]}{size} <b>{points}</b>"
 

@@ -15,6 +15,7 @@ from compare.validation import (
     layers,
     published,
     steady,
+    translation,
     waves,
 )
 from compare.validation.check import Check, Poured, Subject
@@ -42,6 +43,7 @@ SUBJECTS: dict[str, Subject] = {  # by group.subject
     "continuum.volumes": layers.volumes,
     "continuum.refinement": layers.refinement,
     "continuum.prototype": layers.prototype,
+    "lattice.translation": translation.translation,
     "lattice.kernels": lattice.kernels,
     "lattice.patterns": lattice.patterns,
     "lattice.checkpoints": lattice.checkpoints,
@@ -86,7 +88,7 @@ def validate(
     progress: Callable[[float], object] | None = None,
     poured: Poured | None = None,
 ) -> list[Finding]:
-    """Every check of the subjects or groups in `names`, by real pours; half a minute for all.
+    """Every check of the subjects or groups in `names`, by real pours; a minute or two for all.
 
     `poured` makes the archive of (model, preset, *settings), by default each once; `progress` is
     called with the share of the subjects that is done. Raises :class:`SetupError` as
