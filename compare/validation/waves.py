@@ -277,7 +277,7 @@ def oscillations(poured: Poured) -> Checks:
     """Cross rates as large as the direct ones, delta < 0: the paper's last remark.
 
     The centre of the pile oscillates and calms exponentially (`mcs-oscillations`), which the
-    spectrum foretells.
+    spectrum foretells; that again is of the scheme itself, and holds its algebra.
     """
     settings = ("continuum.cells=400",)
     expected = growth_rates(load("mcs-oscillations", settings), 2)[0]
