@@ -1,5 +1,6 @@
 """Shared fixtures: floating-point errors are failures, and each preset is poured once."""
 
+import signal
 from collections.abc import Callable, Iterator
 from types import ModuleType
 
@@ -12,6 +13,12 @@ import continuum
 from experiment import Experiment, load
 
 MODELS = {"ca_model": ca_model, "continuum": continuum}
+
+
+@pytest.fixture(scope="session", autouse=True)
+def ctrl_c_is_heard() -> None:
+    """Also where the tests were started in the background of a shell that has it ignored."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(autouse=True)
