@@ -56,10 +56,11 @@ def validate(only: tuple[str, ...], path: Path | None, as_json: bool, force: boo
         with whole_file(path, force=force) as part:
             part.write_text(page(found, by), encoding="utf-8")
         say(f"wrote {path}", console)
+    told = record(found, by)
     if as_json:
-        click.echo(json.dumps(record(found, by), indent=2))
+        click.echo(json.dumps(told, indent=2))
     else:
         console.print(table(found))
         say(tally(found))
-    if not record(found, by)["holds"]:
+    if not told["holds"]:
         sys.exit(DOES_NOT_HOLD)

@@ -12,6 +12,7 @@ from bokeh.palettes import cividis
 from bokeh.plotting import figure
 from numpy.typing import NDArray
 
+from compare.deposit.picture import averaged
 from compare.explore.pours import Poured
 from compare.pictures.moment import Moment
 from compare.pictures.style import FRONT, KINK, edges
@@ -29,8 +30,6 @@ SMALL, LARGE = PALETTE[0], PALETTE[-1]
 BAND = 0.05  # of the window's height that the feed should seem to be thick
 WALL = 0.015  # of the window's width
 NICE = (1, 2, 5, 10, 20, 50, 100)
-
-
 PAINTED = "requestAnimationFrame(() => requestAnimationFrame(() => { told.tags = cb_obj.tags }))"
 PATIENCE = 1.0  # s
 
@@ -151,14 +150,8 @@ def image_of(pile: Poured) -> NDArray[np.uint8]:
     """Coarseness (row, column) of a deposit in SHADES, NOTHING where nothing lies."""
     archive = pile.archive
     coarse = coarseness(archive["deposit_fraction"], archive).transpose("z", "x").values
-    begin = np.arange(0, len(coarse), -(-len(coarse) // ROWS))
-    there = np.isfinite(coarse)
-    total, number = (
-        np.add.reduceat(values, begin, axis=0)
-        for values in (np.where(there, coarse, 0.0), there.astype(float))
-    )
-    shade = np.rint(total / np.maximum(number, 1.0) * (SHADES - 1))
-    return np.where(number > 0, shade, NOTHING).astype(np.uint8)
+    shade = np.rint((SHADES - 1) * averaged(coarse, (min(len(coarse), ROWS), coarse.shape[1])))
+    return np.where(np.isfinite(shade), shade, NOTHING).astype(np.uint8)
 
 
 def _to_the_edges(pile: Poured, **values: Floats) -> dict[str, Floats]:

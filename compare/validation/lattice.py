@@ -17,6 +17,7 @@ from compare.balances import volume_residual
 from compare.kymograph import kinks
 from compare.measurement import measure
 from compare.validation.check import ROUND_OFF, Check, Checks, Poured
+from compare.validation.layers import BALANCE
 from experiment import Experiment, StoppedError, load
 from experiment.archive import read
 from experiment.arrays import Ints
@@ -43,7 +44,6 @@ SET_UPS = 200
 PILES = 8
 REFERENCE = "docs/lattice-rule.md, in plain Python (ca_model.reference)"
 RULE = "Makse, Cizeau and Stanley's rule"
-BALANCE = "conservation of volume over a cycle"
 STOPPABLE: dict[
     str, tuple[Begin, str, tuple[str, ...]]
 ] = {  # model: how a pour begins, preset, settings

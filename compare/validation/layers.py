@@ -14,7 +14,16 @@ from compare.measurement import measure
 from compare.validation.check import ROUND_OFF, Check, Checks, Poured
 from experiment.arrays import Floats
 
-__all__ = ["balance", "ends", "prototype", "refinement", "segregation", "stratification", "volumes"]
+__all__ = [
+    "BALANCE",
+    "balance",
+    "ends",
+    "prototype",
+    "refinement",
+    "segregation",
+    "stratification",
+    "volumes",
+]
 
 BALANCE = "conservation of volume over a cycle"
 PROTOTYPE = "prototype: an earlier program for the same equations, same grid"
