@@ -36,15 +36,14 @@ __all__ = ["collision_functions", "draw_collision_functions"]
 PRESET = "makse-profile"
 BEND = 0.25  # psi, the width over which the thin curves bend
 SHARE = 0.5  # of either species at the surface
-DRAWN = {  # symbol and colour
-    "capture": ("b", "black"),
-    "amplification": ("a", GREEN),
-    "cross_amplification": ("x", PURPLE),
-}
-FUNCTIONS = {
-    "capture": "capture b_a of rolling a",
-    "amplification": "amplification a_a of static a by rolling a",
-    "cross_amplification": "cross-amplification x_a of the other species by rolling a",
+FUNCTIONS = {  # symbol, colour and meaning
+    "capture": ("b", "black", "capture b_a of rolling a"),
+    "amplification": ("a", GREEN, "amplification a_a of static a by rolling a"),
+    "cross_amplification": (
+        "x",
+        PURPLE,
+        "cross-amplification x_a of the other species by rolling a",
+    ),
 }
 
 
@@ -65,7 +64,7 @@ def collision_functions(points: int = 201) -> xr.Dataset:
     return xr.Dataset(
         {
             name: (over, np.stack([form[k] for form in forms]), named(meaning, "s-1"))
-            for k, (name, meaning) in enumerate(FUNCTIONS.items())
+            for k, (name, (_, _, meaning)) in enumerate(FUNCTIONS.items())
         }
         | {
             "generalised_repose_slope": ("species", repose, named("theta_a at this composition")),
@@ -102,7 +101,7 @@ def draw_collision_functions(found: xr.Dataset) -> "Figure":
 
 def _draw(axes: "Axes", found: xr.Dataset, species: int) -> None:
     theta, repose = found["theta"].values, float(found["generalised_repose_slope"])
-    for name, (symbol, colour) in DRAWN.items():
+    for name, (symbol, colour, _) in FUNCTIONS.items():
         sharp, smooth = found[name].values
         label = rf"${symbol}_{species}$, {name.replace('_', '-')}"
         axes.plot(theta, sharp, color=colour, linewidth=2.0, label=label)
