@@ -3,7 +3,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 PRESETS := makse-stratification makse-segregation glass-sugar lattice-stratification
-KERNELS := $(wildcard ca_model/*.py ca_model/*/*.py continuum/*.py compare/*/kernel.py)
+KERNELS := $(wildcard ca_model/*.py ca_model/*/*.py continuum/*.py experiment/*.py compare/*/kernel.py)
 
 # Set-ups of the phase diagrams: 10 records for each L / v; on the lattice columns of 10 small grains,
 # of 5 units to 11 (3, 8 and 16), whose slopes come in single units, not in steps of a grain.
@@ -100,7 +100,7 @@ docs: .venv/.test
 
 # A cached kernel does not notice that a function it calls in another file has changed.
 .venv/.kernels: .venv/.run $(KERNELS)
-	@find ca_model continuum compare \( -name '*.nbc' -o -name '*.nbi' \) -delete
+	@find ca_model compare continuum experiment \( -name '*.nbc' -o -name '*.nbi' \) -delete
 	@touch $@
 
 # Newest versions that fit together; commit what it writes.

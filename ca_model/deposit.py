@@ -16,7 +16,7 @@ from ca_model.kernel.log import Entries, column_of, rank_of
 from experiment.arrays import Floats, Ints
 from experiment.pouring.slabs import Slab
 
-__all__ = ["Grains", "Raster", "count", "section", "slab_of", "top_of"]
+__all__ = ["Grains", "Raster", "count", "pure", "section", "slab_of", "top_of"]
 
 Grains = NDArray[np.uint8]
 Volume = NDArray[np.uint8] | NDArray[np.int64]  # units of height
@@ -67,6 +67,12 @@ def top_of(bottom: Ints, ends: Ints, grains: Grains, grain_height: Ints) -> Ints
         for k in range(ends[i], ends[i + 1]):
             top[i] += grain_height[grains[k]]
     return top
+
+
+def pure(surface: Ints, species: int) -> Floats:
+    """The composition (column, species) of surfaces that are of one species (column,) each."""
+    fraction: Floats = np.eye(species).take(surface, axis=0)
+    return fraction
 
 
 def section(slabs: Iterable[Slab], grain_height: Ints, raster: Raster) -> Floats:

@@ -18,34 +18,60 @@ from ca_model.arrivals import ArrivalKind
 from ca_model.kernel.log import MOST_RANKS
 from experiment import Experiment, Mixture, NotApplicableError, SetupError
 from experiment.arrays import Floats, Ints
-from experiment.fields import Part, Positive
+from experiment.fields import NonNegative, Part, Positive
+from experiment.law import Law, law_of
+from experiment.species import Values
 
-__all__ = ["MANY", "Ground", "Lattice", "Rule", "Settings", "TopplingRule", "lattice_of"]
+__all__ = [
+    "MANY",
+    "Ground",
+    "Lattice",
+    "RateRule",
+    "Rule",
+    "RuleName",
+    "Settings",
+    "TopplingRule",
+    "lattice_of",
+]
 
+
+RuleName = Literal["threshold", "rate", "toppling"]
 
 ROUND_OFF = 1e-9
 MANY = 2**62
 MOST_COLUMNS = 10_000_000
 HIGHEST = 2**40  # u
 MOST_GRAINS = 1_000_000  # a step
-VARIANTS = {"contacts": "threshold", "percolation": "threshold", "threshold_spread": "toppling"}
+VARIANTS = {
+    "contacts": ("threshold", "rate"),
+    "percolation": ("threshold",),
+    "sharpness": ("rate",),
+    "amplification": ("rate",),
+    "threshold_spread": ("toppling",),
+}
 
 
 class Settings(Part):
     """The `[ca_model]` table of a set-up: the lattice and its rule.
 
-    Grains roll past thresholds, or topple one by one where a random number up to
-    `threshold_spread` is added to them. The variants of one rule do not apply to the other.
+    Grains roll past thresholds; are captured and set rolling at the continuum's rates; or topple
+    one by one where a random number up to `threshold_spread` is added to thresholds. The variants
+    of one rule do not apply to the others.
     """
 
     unit: Positive | None = None  #: cm; u, of heights; default: the smallest diameter
     column_width: Positive | None = None  #: cm; w; default: 10 u
-    rule: Literal["threshold", "toppling"] = "threshold"  #: which automaton
+    rule: RuleName = "threshold"  #: which automaton
     arrivals: ArrivalKind = "fixed"  #: what of the feed is left to chance
-    #: how often a column may touch a flow in a step, from 1 up; threshold rule only
+    #: how often a column may touch a flow in a step, from 1 up; by the rate rule, how many
+    #: grains of a flow touch a column in a sub-step; not for the toppling rule
     contacts: int | Literal["all"] = "all"
     #: whether only the smallest species in a column touches the pile; threshold rule only
     percolation: bool = True
+    #: k, how many times faster than by its law grains are captured; rate rule only
+    sharpness: Annotated[Positive, Field(le=1e12)] = 1.0
+    #: share of the law's amplification that there is; rate rule only
+    amplification: Annotated[NonNegative, Field(le=1.0)] = 1.0
     #: largest random number that is added to a threshold; toppling rule only
     threshold_spread: Annotated[int, Field(strict=True, ge=0, le=1000)] = 0
 
@@ -58,12 +84,18 @@ class Settings(Part):
             return given
         raise ValueError("it should be a whole number from 1 up, or 'all'")
 
+    @property
+    def most_contacts(self) -> int:
+        """Contacts as a number."""
+        return MANY if self.contacts == "all" else self.contacts
+
     @model_validator(mode="after")
     def _check_that_the_variant_applies(self) -> Self:
-        for name, rule in VARIANTS.items():
-            if name in self.model_fields_set and self.rule != rule:
+        for name, rules in VARIANTS.items():
+            if name in self.model_fields_set and self.rule not in rules:
+                allowed = " or ".join(map(repr, rules))
                 value = getattr(self, name)
-                raise ValueError(f"{name} = {value!r}: only where rule = {rule!r} it applies")
+                raise ValueError(f"{name} = {value!r}: only where rule = {allowed} it applies")
         return self
 
 
@@ -85,6 +117,22 @@ class TopplingRule(NamedTuple):
     spread: int  #: what is added to it is 0 ... spread, all alike
 
 
+class RateRule(NamedTuple):
+    """What decides on capture and amplification; species are numbered as in the mixture."""
+
+    grain_height: Ints  #: (species,) H_a, u
+    smallest_first: Ints  #: (species,) the species in the order in which they touch the pile
+    law: Law  #: the continuum's
+    rigid_fraction: Values  #: (species,) composition of the surface before pouring
+    contacts: int  #: how many grains of a flow touch a column in a sub-step
+    sharpness: float  #: k, how many times faster than by the law grains are captured
+    amplification: float  #: share of the law's amplification that there is
+    depth: int  #: d of the surface layer, u
+    unit: float  #: u, cm
+    width: float  #: w, cm
+    step: float  #: w / v, s
+
+
 class Ground(NamedTuple):
     """What is poured onto, in lattice units."""
 
@@ -97,7 +145,7 @@ class Ground(NamedTuple):
 class Lattice(NamedTuple):
     """A set-up on the lattice, and what a lattice unit is in cm and s."""
 
-    rule: Rule | TopplingRule  #: what decides on capture, or on toppling
+    rule: Rule | RateRule | TopplingRule  #: what decides on capture, or on toppling
     ground: Ground  #: what is poured onto
     left: float  #: where the first column begins, cm
     grains_per_step: Floats  #: (species,) of the mean feed, to each side
@@ -125,6 +173,14 @@ class Lattice(NamedTuple):
     def grain_volume(self) -> Floats:
         """Volume w H_a u per unit gap [cm2] of a grain (species,)."""
         return self.grain_thickness * self.column_width
+
+    @property
+    def row(self) -> int:
+        """How many units a row of the archived deposit is high.
+
+        A single one, but for grains that are small beside the surface layer: then half of that.
+        """
+        return max(1, self.rule.depth // 2) if isinstance(self.rule, RateRule) else 1
 
     @property
     def column_below_rest(self) -> int:
@@ -165,7 +221,9 @@ def lattice_of(experiment: Experiment) -> Lattice:
     _check_the_feed(experiment.feed.largest_inflow, heights * unit)
     ground, left = _ground(experiment, unit, width)
     return Lattice(
-        rule=_rule(settings, mixture, heights, threshold),
+        rule=_rate_rule(settings, experiment, heights, unit, width)
+        if settings.rule == "rate"
+        else _rule(settings, mixture, heights, threshold),
         ground=ground,
         left=left,
         grains_per_step=experiment.mean_inflow / (heights * unit),
@@ -184,10 +242,33 @@ def _rule(
     return Rule(
         grain_height=heights,
         threshold=threshold,
-        smallest_first=np.argsort(mixture.grain_diameter, kind="stable").astype(np.int64),
-        contacts=MANY if settings.contacts == "all" else settings.contacts,
+        smallest_first=_smallest_first(mixture),
+        contacts=settings.most_contacts,
         percolation=settings.percolation,
     )
+
+
+def _rate_rule(
+    settings: Settings, experiment: Experiment, heights: Ints, unit: float, width: float
+) -> RateRule:
+    mixture = experiment.mixture
+    return RateRule(
+        grain_height=heights,
+        smallest_first=_smallest_first(mixture),
+        law=law_of(mixture),
+        rigid_fraction=experiment.start_composition,
+        contacts=settings.most_contacts,
+        sharpness=settings.sharpness,
+        amplification=settings.amplification,
+        depth=max(1, round(mixture.surface_depth / unit)),
+        unit=unit,
+        width=width,
+        step=width / mixture.drift_velocity[0],
+    )
+
+
+def _smallest_first(mixture: Mixture) -> Ints:
+    return np.argsort(mixture.grain_diameter, kind="stable").astype(np.int64)
 
 
 def _ground(experiment: Experiment, unit: float, width: float) -> tuple[Ground, float]:
@@ -235,7 +316,9 @@ def _check_that_the_rule_applies(experiment: Experiment, rule: str) -> None:
         f"mixture.drift_velocity = {speeds}: the lattice rolls all species at one speed": (
             min(speeds) == max(speeds)
         ),
-        f"cell.start_composition = {start}: a lattice surface is of one species": max(start) == 1,
+        f"cell.start_composition = {start}: a lattice surface is of one species": (
+            max(start) == 1 or rule == "rate"
+        ),
         f"mixture.names: {mixture.species} species; the lattice knows at most {MOST_RANKS}": (
             mixture.species <= MOST_RANKS
         ),

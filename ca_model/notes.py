@@ -5,8 +5,9 @@ from itertools import groupby
 
 import numpy as np
 
-from ca_model.lattice import MANY, Lattice, TopplingRule
+from ca_model.lattice import MANY, Lattice, RateRule, TopplingRule
 from experiment import Mixture
+from experiment.arrays import Ints
 from experiment.pouring import Sliced
 
 __all__ = ["notes"]
@@ -26,27 +27,35 @@ def notes(mixture: Mixture, lattice: Lattice, height: Sliced) -> dict[str, objec
         "column_width_cm": lattice.column_width,
         "time_step_s": lattice.step,
         "grain_height": rule.grain_height,
-        "effective_threshold": rule.threshold.ravel(),
-        "effective_repose_slope": rule.threshold.ravel() * unit / lattice.column_width,
         "grains_per_step": lattice.grains_per_step,
     }
-    comments = [*_slopes_that_act_alike(mixture, lattice), *_walls_that_outgrew(lattice, height)]
+    if isinstance(rule, RateRule):
+        told["effective_surface_depth_cm"] = rule.depth * unit
+        comments = [*_walls_that_outgrew(mixture, lattice, height)]
+    else:
+        threshold = rule.threshold
+        told["effective_threshold"] = threshold.ravel()
+        told["effective_repose_slope"] = threshold.ravel() * unit / lattice.column_width
+        comments = [
+            *_slopes_that_act_alike(mixture, threshold),
+            *_walls_that_outgrew(mixture, lattice, height),
+        ]
     if comments:
         told["comment"] = "; ".join(comments)
     return told
 
 
-def _slopes_that_act_alike(mixture: Mixture, lattice: Lattice) -> Iterator[str]:
+def _slopes_that_act_alike(mixture: Mixture, thresholds: Ints) -> Iterator[str]:
     slope = np.array(mixture.repose_slope)
-    places = sorted(np.ndindex(slope.shape), key=lambda place: lattice.rule.threshold[place])
-    for threshold, alike in groupby(places, key=lambda place: lattice.rule.threshold[place]):
+    places = sorted(np.ndindex(slope.shape), key=lambda place: thresholds[place])
+    for threshold, alike in groupby(places, key=lambda place: thresholds[place]):
         same = list(alike)
         if np.ptp([slope[place] for place in same]) > 0:
             names = ", ".join(f"theta_{a + 1}{b + 1} = {slope[a, b]:.4g}" for a, b in same)
             yield f"{names} act alike: on the lattice each is a slope of {threshold}"
 
 
-def _walls_that_outgrew(lattice: Lattice, height: Sliced) -> Iterator[str]:
+def _walls_that_outgrew(mixture: Mixture, lattice: Lattice, height: Sliced) -> Iterator[str]:
     """From the heights (time, x) [cm]; for a moment a wall's column may be above its neighbour."""
     rule = lattice.rule
     if lattice.ground.lips is not None or isinstance(rule, TopplingRule):
@@ -58,7 +67,7 @@ def _walls_that_outgrew(lattice: Lattice, height: Sliced) -> Iterator[str]:
         return float(np.diff(grown)[0])
 
     outgrowth = max([outgrown(np.s_[-2:]), -outgrown(np.s_[:2])][: lattice.ground.sides])
-    if outgrowth > rule.threshold.max() * lattice.unit:
+    if outgrowth > np.max(mixture.repose_slope) * lattice.column_width:
         contacts = "all" if rule.contacts == MANY else rule.contacts
         yield (
             f"the wall column outgrew the pile by {outgrowth:.3g} cm: the feed "

@@ -6,14 +6,14 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ca_model.deposit import count, slab_of
+from ca_model.deposit import count, pure, slab_of
 from ca_model.kernel.bits import Word, word_count
 from ca_model.kernel.log import Entries, Log, steps_that_fit
 from ca_model.kernel.packets import follow_packets
 from ca_model.kernel.slope import RankedRule, Slope, mark_all
 from ca_model.kernel.steps import Heap, take_steps
 from ca_model.lattice import Ground, Rule
-from experiment.arrays import Ints
+from experiment.arrays import Floats, Ints
 from experiment.pouring.slabs import Slab
 from experiment.pouring.state import State, arrays_of, put_back
 
@@ -127,9 +127,9 @@ class Pile:
         return self._body.height
 
     @property
-    def surface(self) -> Ints:
-        """Species (column,) of the topmost grains."""
-        return self._species.take(self._body.top)
+    def surface_fraction(self) -> Floats:
+        """1 (column, species) for the species of the topmost grain, else 0."""
+        return pure(self._species.take(self._body.top), len(self._species))
 
     @property
     def rolling(self) -> Ints:

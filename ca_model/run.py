@@ -9,11 +9,12 @@ import numpy as np
 import xarray as xr
 
 from ca_model.deposit import Raster, section
+from ca_model.draws import random_state
 from ca_model.feeding import Feeding
-from ca_model.lattice import Lattice, TopplingRule, lattice_of
+from ca_model.lattice import Lattice, RateRule, TopplingRule, lattice_of
 from ca_model.notes import notes
 from ca_model.pile import LOG, Pile
-from ca_model.toppling.kernel import random_state
+from ca_model.rates.pile import RatePile
 from ca_model.toppling.pile import ToppledPile
 from experiment import Experiment, SetupError
 from experiment.arrays import Floats, Ints
@@ -34,7 +35,7 @@ def check(experiment: Experiment) -> None:
     lattice = lattice_of(experiment)
     record_steps(experiment.pour, lattice.step)
     height = lattice.ground.height.max() + experiment.mean_growth / lattice.unit
-    values = height * lattice.columns * experiment.mixture.species
+    values = height / lattice.row * lattice.columns * experiment.mixture.species
     if values > MOST_VALUES:
         raise SetupError(
             f"ca_model.unit = {lattice.unit:g}: a deposit {height:.2g} units high makes a grid of "
@@ -64,7 +65,6 @@ class LatticePouring:
     """A pour under way, as :class:`experiment.pouring.Pouring` tells."""
 
     model = "ca_model"
-    whole_grains = True
 
     def __init__(self, experiment: Experiment, slabs: Slabs, log: int) -> None:
         lattice = lattice_of(experiment)
@@ -72,9 +72,9 @@ class LatticePouring:
         self.dt, self.columns = lattice.step, lattice.columns
         self.block = max(1, min(BLOCK, int(GRAINS_AT_ONCE / (1 + lattice.grains_per_step.sum()))))
         self.feeding = Feeding(experiment, lattice)
-        self.pure = np.eye(experiment.mixture.species)  # (species, species) the surface of each
         self.grain_thickness, self.grain_volume = lattice.grain_thickness, lattice.grain_volume
         self.pile = _bare_pile(experiment, lattice, slabs, log)
+        self.whole_grains = lattice.row == 1
 
     def advance(self, edges: Floats) -> None:
         """Take the steps between the times `edges` (step + 1,) [s]."""
@@ -87,7 +87,7 @@ class LatticePouring:
         return {
             "height": pile.height * self.lattice.unit,
             "rolling_thickness": rolling * self.grain_thickness,
-            "surface_fraction": self.pure.take(pile.surface, axis=0),
+            "surface_fraction": pile.surface_fraction,
             "poured_volume": self.feeding.poured * volume,
             "rolling_volume": rolling.sum(axis=0) * volume,
             "deposited_volume": pile.grains_at_rest * volume,
@@ -99,8 +99,10 @@ class LatticePouring:
         self.pile.flush()
 
     def floor(self) -> Ints:
-        """The height (column,) in u above which what was not handed on lies."""
-        return self.pile.rest().bottom
+        """The row (column,) from which on all was not handed on."""
+        bottom, row = self.pile.rest().bottom, self.lattice.row
+        handed_on = bottom > self.lattice.ground.height
+        return np.where(handed_on, -(-bottom // row), bottom // row)
 
     def state(self) -> State:
         """All that the steps to come depend on."""
@@ -113,21 +115,22 @@ class LatticePouring:
 
     def grid(self) -> dict[str, Floats]:
         """x, z and the surface before pouring [cm]."""
-        unit = self.lattice.unit
-        rows = max(2, int(self.pile.height.max()))
+        lattice = self.lattice
+        rows = max(2, -(-int(self.pile.height.max()) // lattice.row))
         return {
-            "x": self.lattice.x,
-            "z": (np.arange(rows) + 0.5) * unit,
-            "base_height": self.lattice.ground.height * unit,
+            "x": lattice.x,
+            "z": (np.arange(rows) + 0.5) * (lattice.row * lattice.unit),
+            "base_height": lattice.ground.height * lattice.unit,
         }
 
     def section(self, slabs: Slabs) -> Section:
-        """The deposit_fraction, by rows of a unit."""
-        rest, grain_height = self.pile.rest(), self.lattice.rule.grain_height
+        """The deposit_fraction, by rows."""
+        rest, units = self.pile.rest(), self.lattice.row
+        grain_height = self.lattice.rule.grain_height
 
         def rows(low: int, high: int) -> Floats:
-            whole = chain(slabs.reaching(low, high), [rest])
-            return section(whole, grain_height, Raster(high - low, self.columns, low))
+            whole = chain(slabs.reaching(low * units, high * units), [rest])
+            return section(whole, grain_height, Raster(high - low, self.columns, low, units))
 
         return rows
 
@@ -138,11 +141,13 @@ class LatticePouring:
 
 def _bare_pile(
     experiment: Experiment, lattice: Lattice, slabs: Slabs, log: int
-) -> Pile | ToppledPile:
+) -> Pile | RatePile | ToppledPile:
     """The pile before pouring, of the rule and below the source that the set-up asks for."""
     rule, ground, source = lattice.rule, lattice.ground, experiment.feed.source
+    random = random_state(experiment.pour.seed, experiment.pour.pile)
+    if isinstance(rule, RateRule):
+        return RatePile(rule, ground, slabs, random)
     if isinstance(rule, TopplingRule):
-        random = random_state(experiment.pour.seed, experiment.pour.pile)
         return ToppledPile(rule, ground, slabs.lay, random)
     at_rest = lattice.column_below_rest if source is None else None
     return Pile(rule, ground, slabs.lay, source=at_rest, log=log)

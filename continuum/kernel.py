@@ -52,12 +52,12 @@ from continuum.deposit import (
     seal_full_bins,
     some_lack,
 )
-from continuum.law import Law, amplification_rates, capture_rates, repose_slopes
 from continuum.limiters import limited
-from continuum.species import Rows, Values, at, put, total
 from continuum.state import MUSCL, Flow, Grid
 from continuum.transport import advect, disperse
 from experiment.arrays import Floats
+from experiment.law import Law, amplification_rates, capture_rates, repose_slopes
+from experiment.species import Rows, Values, at, put, total
 
 __all__ = [
     "BARE",

@@ -11,7 +11,6 @@ from pydantic import Field
 
 from continuum.body import Body
 from continuum.kernel import substeps_at
-from continuum.law import Law, law_of
 from continuum.limiters import LIMITERS
 from continuum.section import heights_in_drum, heights_in_pile, section_of_drum, section_of_pile
 from continuum.slopes import across, lent_to_the_flow, slopes_of
@@ -20,6 +19,7 @@ from continuum.transport import dispersion_substeps
 from experiment import Experiment, NotApplicableError, SetupError
 from experiment.arrays import Floats, Ints
 from experiment.fields import Part
+from experiment.law import Law, law_of
 from experiment.pouring import Section, Sliced, pour_in_memory
 from experiment.pouring.recorder import record_steps
 from experiment.pouring.slabs import Slabs

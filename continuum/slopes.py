@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from continuum.kernel import Advance, cells_of, find_composition, take_steps
-from continuum.law import Law
 from continuum.state import Flow, Grid, bare_flow
 from experiment import Experiment
 from experiment.arrays import Floats, Ints
+from experiment.law import Law
 
 __all__ = ["FIRST_BINS", "Slope", "across", "lent_to_the_flow", "slopes_of"]
 

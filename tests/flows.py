@@ -3,9 +3,9 @@
 import numpy as np
 
 from continuum.kernel import advance
-from continuum.law import Law
 from continuum.state import Flow, Grid, bare_flow
 from continuum.tape import with_more_bins
+from experiment.law import Law
 
 MATRICES = ("repose_slope", "collision_rate", "cross_amplification")
 

@@ -7,7 +7,6 @@ from flows import law_with
 from compare import layers
 from compare.validation.waves import faint_flow
 from continuum import pour
-from continuum.law import interaction
 from continuum.theory import (
     SimplifiedSteadyState,
     collision_matrix,
@@ -17,6 +16,7 @@ from continuum.theory import (
     steady_state_of,
 )
 from experiment import NotApplicableError, load
+from experiment.law import interaction
 
 
 def test_the_simplified_forms_have_the_numbers_that_the_papers_figure_shows() -> None:

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 import continuum
 from continuum import law_of
 from continuum.kernel import advance, find_composition
-from continuum.law import interaction, positive_part
 from continuum.limiters import LIMITERS, limited
 from continuum.run import Resolution
 from continuum.section import heights_in_drum, section_of_drum
@@ -17,6 +16,7 @@ from continuum.slopes import slopes_of
 from continuum.state import SCHEMES, Grid
 from experiment import Experiment, Mixture, NotApplicableError, SetupError, load, preset_text
 from experiment.experiment import parse_toml, set_values
+from experiment.law import interaction, positive_part
 
 
 @pytest.mark.parametrize("slope", [0.5, 0.9, 1.3, 1.9])

@@ -10,12 +10,12 @@ from flows import law_with, still, take
 import continuum
 from compare.validation.steady import drum_errors, orders_of
 from compare.validation.waves import DRIFT_CELLS, WAVES, drift_error, kernel_step, wave_errors
-from continuum.law import Law
 from continuum.limiters import LIMITERS
 from continuum.state import MUSCL, Flow, Grid
 from continuum.theory.bcre import spread_step
 from continuum.theory.de_gennes import drum_of, silo_of
 from experiment import NotApplicableError, load
+from experiment.law import Law
 
 SPEED, RATE = 1.0, 1.0
 

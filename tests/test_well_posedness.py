@@ -8,7 +8,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from continuum import law_of
-from continuum.law import Law, interaction
 from continuum.theory import (
     UniformFlow,
     growth_rate,
@@ -21,6 +20,7 @@ from continuum.theory.spectrum import step_of
 from continuum.theory.steady_state import steady_state_of
 from continuum.theory.well_posedness import response
 from experiment import NotApplicableError, load
+from experiment.law import Law, interaction
 
 SHORT = 2 * np.pi / np.geomspace(1e-3, 1e-5, 5)  # 1/cm; below any grain
 LONG = 2 * np.pi / np.geomspace(100.0, 3.0, 20)

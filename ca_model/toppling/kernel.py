@@ -12,22 +12,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ca_model.draws import RandomState, pick
 from ca_model.lattice import TopplingRule
 from experiment.arrays import Ints
 
 __all__ = [
     "WALL",
-    "RandomState",
     "TopplingPile",
     "advance_toppling",
     "bare_pile",
-    "pick",
-    "random_state",
 ]
 
 WALL = 2**62  # the lip of a cell that nothing can leave
-
-RandomState = NDArray[np.uint64]  # (1,) of SplitMix64, advanced in place by every draw
 
 
 class TopplingPile(NamedTuple):
@@ -48,11 +44,6 @@ class Restless(NamedTuple):
 
     column: Ints  # (column,) the first places hold them, in no order that means anything
     place: Ints  # (column,) where a column stands in this list, -1 where it does not
-
-
-def random_state(seed: int, pile: int = 0) -> RandomState:
-    """The start of the random numbers of a pile of a seed."""
-    return np.random.SeedSequence([seed, pile]).generate_state(1, np.uint64).astype(np.uint64)
 
 
 def bare_pile(
@@ -102,20 +93,6 @@ def advance_toppling(
             _push(pile, rule, 0, _take_one(due, random))
             _come_to_rest(pile, rule, restless, random)
     return len(arrivals)
-
-
-@njit(cache=True, nogil=True)
-def pick(random: RandomState, n: int) -> int:
-    """One of 0 ... n - 1, all alike to n / 2^32: SplitMix64 (Steele, Lea and Flood, OOPSLA 2014).
-
-    In integers only, so that a seed gives the same grains on any machine.
-    """
-    random[0] += np.uint64(0x9E3779B97F4A7C15)
-    bits = random[0]
-    bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    bits = bits ^ (bits >> np.uint64(31))
-    return int(np.int64(((bits >> np.uint64(32)) * np.uint64(n)) >> np.uint64(32)))
 
 
 @njit(cache=True)

@@ -12,16 +12,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ca_model.deposit import top_of
+from ca_model.deposit import pure, top_of
+from ca_model.draws import RandomState
 from ca_model.lattice import Ground, TopplingRule
 from ca_model.toppling.kernel import (
     WALL,
-    RandomState,
     TopplingPile,
     advance_toppling,
     bare_pile,
 )
-from experiment.arrays import Ints
+from experiment.arrays import Floats, Ints
 from experiment.pouring.slabs import Slab
 from experiment.pouring.state import State, arrays_of, put_back
 
@@ -134,11 +134,12 @@ class ToppledPile:
         return self._pile.height
 
     @property
-    def surface(self) -> Ints:
-        """Species (column,) of the topmost grains."""
+    def surface_fraction(self) -> Floats:
+        """1 (column, species) for the species of the topmost grain, else 0."""
         stack, count = self._pile.stack, self._pile.grains
         topmost = stack[np.arange(len(count)), count - 1]
-        return np.where(count > 0, topmost, self._pile.base_species)
+        surface = np.where(count > 0, topmost, self._pile.base_species)
+        return pure(surface, len(self._rule.grain_height))
 
     @property
     def rolling(self) -> Ints:

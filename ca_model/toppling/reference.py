@@ -21,8 +21,8 @@ Behind a wall nothing topples from the last column. Bare base never topples.
 
 from collections.abc import Sequence
 
+from ca_model.draws import RandomState, pick
 from ca_model.lattice import TopplingRule
-from ca_model.toppling.kernel import RandomState, pick
 
 __all__ = ["ReferenceToppling"]
 

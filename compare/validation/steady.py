@@ -8,7 +8,6 @@ import xarray as xr
 from compare.quantities import cell_length, cell_width, total_inflow, values_of
 from compare.validation.check import POWER, ROUND_OFF, SCHEME, Check, Checks, Poured
 from continuum import law_of
-from continuum.law import interaction
 from continuum.theory import (
     SteadyState,
     drum_of,
@@ -19,6 +18,7 @@ from continuum.theory import (
 from experiment import load
 from experiment.archive import experiment_of
 from experiment.arrays import Floats
+from experiment.law import interaction
 
 __all__ = [
     "CELLS",

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from continuum.law import law_of
 from continuum.theory.applicability import refuse_unless, steady_silo
 from experiment import Experiment, NotApplicableError
 from experiment.arrays import Floats
+from experiment.law import law_of
 
 __all__ = ["MinimalModel", "minimal_model_of"]
 

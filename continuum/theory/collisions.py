@@ -10,8 +10,8 @@ First index of M: the static species; second: the rolling one, as in the paper.
 
 import numpy as np
 
-from continuum.law import Law, positive_part
 from experiment.arrays import Floats
+from experiment.law import Law, positive_part
 
 __all__ = ["amplification", "capture", "collision_matrix", "generalised_repose_slope"]
 

@@ -18,10 +18,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from continuum.law import law_of
 from continuum.theory.applicability import refuse_unless, steady_silo
 from experiment import Experiment
 from experiment.arrays import Floats
+from experiment.law import law_of
 
 __all__ = ["Drum", "Silo", "drum_of", "silo_of"]
 

@@ -26,13 +26,13 @@ from scipy.sparse import coo_array, csr_array, eye_array
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, splu
 
 from continuum.kernel import advance, substeps_at
-from continuum.law import Law, law_of
 from continuum.run import Resolution, pour
 from continuum.state import MUSCL, Flow, Grid, bare_flow
 from continuum.theory.steady_state import steady_state_of
 from continuum.transport import dispersion_substeps
 from experiment import Experiment, NotApplicableError
 from experiment.arrays import Floats, Ints
+from experiment.law import Law, law_of
 
 __all__ = [
     "Spectrum",

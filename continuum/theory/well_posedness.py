@@ -32,9 +32,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from continuum.law import Law, interaction
 from experiment import NotApplicableError
 from experiment.arrays import Floats
+from experiment.law import Law, interaction
 
 __all__ = [
     "UniformFlow",

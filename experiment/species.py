@@ -4,8 +4,7 @@ So loops over species are unrolled, values stay in registers, and the loop over 
 runs in vector lanes.
 """
 
-from collections.abc import Callable
-from typing import cast
+from typing import Protocol, TypeVar, cast
 
 from numba import njit
 from numba.cpython.unsafe.tuple import tuple_setitem
@@ -17,8 +16,17 @@ __all__ = ["Rows", "Values", "at", "put", "total"]
 Values = tuple[float, ...]  # one a species
 Rows = tuple[Floats, ...]  # (cell,) one a species
 
-# put(values, a, value): a copy of `values` with that of species a replaced
-put = cast(Callable[[Values, int, float], Values], tuple_setitem)
+Number = TypeVar("Number", float, int)
+
+
+class Put(Protocol):
+    """How a value is replaced."""
+
+    def __call__(self, values: tuple[Number, ...], a: int, value: Number) -> tuple[Number, ...]:
+        """A copy of `values` with that of species a replaced."""
+
+
+put = cast(Put, tuple_setitem)
 
 
 @njit(cache=True, inline="always")

@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from continuum.species import Rows, Values, at, put
 from experiment import Mixture, NotApplicableError
 from experiment.arrays import Floats
+from experiment.species import Rows, Values, at, put
 
 __all__ = [
     "Law",
@@ -51,7 +51,8 @@ def law_of(mixture: Mixture) -> Law:
     """The law of `mixture`. Raises :class:`NotApplicableError` where it has no collision rates."""
     if mixture.collision_rate is None:
         raise NotApplicableError(
-            "mixture.collision_rate: missing; the continuum needs it (a matrix of rates, 1/s)"
+            "mixture.collision_rate: missing; the continuum and the lattice's rate rule need it "
+            "(a matrix of rates, 1/s)"
         )
     none = ((0.0,) * mixture.species,) * mixture.species
     return Law(

@@ -1,0 +1,103 @@
+"""Random numbers inside kernels: the words of SplitMix64, and what is drawn from them.
+
+    pick(n)          one of 0 ... n - 1, all alike to n / 2^32
+    binomial(n, p)   how many of n happen, each with the chance p
+
+SplitMix64: Steele, Lea and Flood, OOPSLA 2014. All that is made of its words is sums, products,
+quotients and comparisons, without a function of any library, so that a seed gives the same grains
+on any machine.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ca_model.kernel.compiled import inlined
+
+__all__ = ["RandomState", "binomial", "chance_within", "pick", "random_state"]
+
+RandomState = NDArray[np.uint64]  # (1,) of SplitMix64, advanced in place by every draw
+
+CERTAIN = 40.0  # 1 - exp(-40) is 1 in 53 bits
+MOST_AT_ONCE = 16.0  # expected; of more, several variates are the sum
+PER_WORD = 2.0**-53
+
+
+def random_state(seed: int, pile: int = 0) -> RandomState:
+    """The start of the random numbers of a pile of a seed."""
+    return np.random.SeedSequence([seed, pile]).generate_state(1, np.uint64).astype(np.uint64)
+
+
+@inlined
+def word(random: RandomState) -> np.uint64:
+    """The next 64 bits."""
+    random[0] += np.uint64(0x9E3779B97F4A7C15)
+    bits = random[0]
+    bits = (bits ^ (bits >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    bits = (bits ^ (bits >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return np.uint64(bits ^ (bits >> np.uint64(31)))
+
+
+@inlined
+def pick(random: RandomState, n: int) -> int:
+    """One of 0 ... n - 1."""
+    return int(np.int64(((word(random) >> np.uint64(32)) * np.uint64(n)) >> np.uint64(32)))
+
+
+@inlined
+def chance_within(expected: float) -> float:
+    """1 - exp(-c): the chance that it happens in a time in which it would happen c times.
+
+    To eight decimals, by exp(y) = 1 + y + ... + y^6 / 720 with y = c / 16.
+    """
+    if expected > CERTAIN:
+        return 1.0
+    y = expected * 0.0625
+    grown = 1.0 + y * (
+        1.0 + y / 2.0 * (1.0 + y / 3.0 * (1.0 + y / 4.0 * (1.0 + y / 5.0 * (1.0 + y / 6.0))))
+    )
+    grown *= grown
+    grown *= grown
+    grown *= grown
+    grown *= grown
+    return (grown - 1.0) / grown
+
+
+@inlined
+def binomial(random: RandomState, n: int, chance: float) -> int:
+    """How many of n happen, each with that chance; what is certain draws no word."""
+    if n <= 0 or chance <= 0.0:
+        return 0
+    if chance >= 1.0:
+        return n
+    rare = min(chance, 1.0 - chance)
+    most = n if n * rare <= MOST_AT_ONCE else int(MOST_AT_ONCE / rare)
+    happened, left = 0, n
+    while left > 0:
+        part = min(left, most)
+        happened += _binomial(random, part, rare)
+        left -= part
+    return happened if rare == chance else n - happened
+
+
+@inlined
+def _binomial(random: RandomState, n: int, chance: float) -> int:
+    """By inversion: p_0 = (1 - p)^n, p_k = p_(k-1) (n - k + 1) / k p / (1 - p)."""
+    odds = chance / (1.0 - chance)
+    left = (word(random) >> np.uint64(11)) * PER_WORD
+    weight, k = _power(1.0 - chance, n), 0
+    while left >= weight and k < n:
+        left -= weight
+        k += 1
+        weight *= odds * (n - k + 1) / k
+    return k
+
+
+@inlined
+def _power(base: float, exponent: int) -> float:
+    power = 1.0
+    while exponent > 0:
+        if exponent & 1:
+            power *= base
+        base *= base
+        exponent >>= 1
+    return power

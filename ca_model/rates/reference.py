@@ -1,0 +1,208 @@
+"""The rate rule in plain Python: short, and slow, and what the kernel must agree with.
+
+It is the section of docs/lattice-rule.md on this rule as code; its steps bear the names there.
+"""
+
+import math
+from collections.abc import Sequence
+
+from ca_model.draws import RandomState, binomial, chance_within, pick
+from ca_model.lattice import Ground, RateRule
+from ca_model.rates.kernel import COURANT
+
+__all__ = ["ReferenceRates"]
+
+RIGHT, LEFT = 0, 1
+
+
+class ReferenceRates:
+    """A pile on the lattice.
+
+    `heights`, stacks of what is `buried` (lowest first), and counts of grains: the surface `layer`
+    [column][species], `rolling` [side][column][species], and the `outflow` [species] over the ends.
+    """
+
+    def __init__(self, rule: RateRule, ground: Ground, random: RandomState) -> None:
+        self.rule, self.ground, self.random = rule, ground, random
+        self.species = [int(a) for a in rule.smallest_first]
+        self.heights = [int(h) for h in ground.height]
+        self.columns = len(self.heights)
+        self.buried: list[list[int]] = [[] for _ in self.heights]
+        self.layer = [[0] * len(self.species) for _ in self.heights]
+        self.rolling = [
+            [[0] * len(self.species) for _ in self.heights] for _ in range(ground.sides)
+        ]
+        self.outflow = [0] * len(self.species)
+
+    def step(self, arrivals: Sequence[Sequence[int]], source: int = 0) -> None:
+        """Roll, feed, exchange; `arrivals` (side, species) enter beside the edge `source`."""
+        self._roll()
+        self._feed(arrivals, source)
+        substeps = self._substeps()
+        for k in range(substeps):
+            for side in range(self.ground.sides):
+                self._exchange(side, source, self.rule.step / substeps, substeps - k)
+
+    def _roll(self) -> None:
+        for side, flow in enumerate(self.rolling):
+            leaving = flow[self._last(side)]
+            self.outflow = [n + k for n, k in zip(self.outflow, leaving, strict=True)]
+            nothing = [0] * len(self.species)
+            moved = [nothing, *flow[:-1]] if side == RIGHT else [*flow[1:], nothing]
+            self.rolling[side] = [list(counts) for counts in moved]
+
+    def _feed(self, arrivals: Sequence[Sequence[int]], source: int) -> None:
+        for side, grains in enumerate(arrivals):
+            into, column = side, source if side == RIGHT else source - 1
+            if column == self.columns:
+                into, column = LEFT, column - 1
+            elif column == -1:
+                into, column = RIGHT, 0
+            for a, count in enumerate(grains):
+                self.rolling[into][column][a] += int(count)
+
+    def _substeps(self) -> int:
+        rule, law = self.rule, self.rule.law
+        busiest = 0.0
+        for flow in self.rolling:
+            for rolling in flow:
+                touching, busy = self._touching(rolling), 0.0
+                for a in self.species:
+                    busy += max(law.collision_rate[a]) * self._thickness(touching[a], a)
+                busiest = max(busiest, busy)
+        climb = busiest * (1.0 + 2.0 * law.curvature_length / rule.width)
+        return max(1, math.ceil(climb * rule.step / (COURANT * rule.width)))
+
+    def _touching(self, rolling: Sequence[int]) -> list[int]:
+        """The grains in contact: as many as there are contacts, smallest first."""
+        touching, free = [0] * len(rolling), self.rule.contacts
+        for a in self.species:
+            touching[a] = min(rolling[a], free)
+            free -= touching[a]
+        return touching
+
+    def _exchange(self, side: int, source: int, dt: float, left: int) -> None:
+        before = list(self.heights)
+        for i in range(self.columns) if side == RIGHT else reversed(range(self.columns)):
+            if i == self._last(side) and self.ground.lips is None:
+                self._fill_against_the_wall(side, i, left)
+            elif any(self.rolling[side][i]):
+                self._exchange_in_column(side, i, self._slope(side, i, source, before), dt)
+
+    def _slope(self, side: int, i: int, source: int, before: Sequence[int]) -> float:
+        """S = theta - l d2h/dx2; nothing bends where grains enter."""
+        onward = 1 if side == RIGHT else -1
+        edge = self.ground.lips[1 if side == RIGHT else 0] if self.ground.lips else 0
+        theta = before[i] - (edge if i == self._last(side) else before[i + onward])
+        if i in (self._first(side), source if side == RIGHT else source - 1):
+            bend = 0
+        else:
+            bend = (before[i - onward] - before[i]) - theta
+        curvature = self.rule.law.curvature_length / self.rule.width
+        return (theta - curvature * bend) * (self.rule.unit / self.rule.width)
+
+    def _fill_against_the_wall(self, side: int, i: int, left: int) -> None:
+        for a in self.species:
+            captured = self.rolling[side][i][a] // left
+            self.rolling[side][i][a] -= captured
+            self._lay(i, a, captured)
+
+    def _exchange_in_column(self, side: int, i: int, slope: float, dt: float) -> None:
+        rolling, layer = self.rolling[side][i], self.layer[i]
+        phi, thickness = self.surface(i)
+        touching = self._touching(rolling)
+        captured = {
+            a: binomial(self.random, touching[a], self._capture_chance(a, phi, slope, dt))
+            for a in self.species
+        }
+        loosened = {
+            a: binomial(
+                self.random,
+                layer[a],
+                self._loosening_chance(a, phi, slope, touching, dt / thickness),
+            )
+            for a in self.species
+        }
+        for a in self.species:
+            layer[a] -= loosened[a]
+            rolling[a] += loosened[a] - captured[a]
+            self.heights[i] -= loosened[a] * int(self.rule.grain_height[a])
+        for a in self.species:
+            self._lay(i, a, captured[a])
+        self._dig_up(i)
+
+    def surface(self, i: int) -> tuple[dict[int, float], float]:
+        """Composition of the surface, and how thick its layer is [cm]."""
+        held, lacks = self._held(i), 0
+        if not self.buried[i]:
+            lacks = max(self.rule.depth - held, 0)
+        phi = {
+            a: (
+                self.layer[i][a] * int(self.rule.grain_height[a])
+                + lacks * self.rule.rigid_fraction[a]
+            )
+            / (held + lacks)
+            for a in self.species
+        }
+        return phi, (held + lacks) * self.rule.unit
+
+    def _theta(self, a: int, phi: dict[int, float]) -> float:
+        theta = 0.0
+        for b in self.species:
+            theta += self.rule.law.repose_slope[a][b] * phi[b]
+        return theta
+
+    def _capture_chance(self, a: int, phi: dict[int, float], slope: float, dt: float) -> float:
+        rate = self.rule.law.collision_rate[a][a] * self._positive(self._theta(a, phi) - slope)
+        return chance_within(self.rule.sharpness * rate * dt)
+
+    def _loosening_chance(
+        self, a: int, phi: dict[int, float], slope: float, touching: Sequence[int], dt: float
+    ) -> float:
+        """`dt` [s/cm] is for each cm that the layer is thick."""
+        law, struck = self.rule.law, 0.0
+        for b in self.species:
+            push = law.collision_rate[b][a] * self._positive(slope - self._theta(b, phi))
+            struck += (law.cross_amplification[b][a] + push) * self._thickness(touching[b], b)
+        return chance_within(self.rule.amplification * struck * dt)
+
+    def _positive(self, z: float) -> float:
+        width = self.rule.law.smoothing
+        return max(z, 0.0) if width == 0 else 0.5 * (z + math.sqrt(z * z + width * width))
+
+    def _thickness(self, grains: int, a: int) -> float:
+        return grains * int(self.rule.grain_height[a]) * self.rule.unit
+
+    def _held(self, i: int) -> int:
+        return sum(self.layer[i][a] * int(self.rule.grain_height[a]) for a in self.species)
+
+    def _lay(self, i: int, a: int, grains: int) -> None:
+        """One by one; what there is no room for in the layer is buried first."""
+        for _ in range(grains):
+            while any(self.layer[i]) and (
+                self._held(i) + int(self.rule.grain_height[a]) > self.rule.depth
+            ):
+                self._bury(i)
+            self.layer[i][a] += 1
+            self.heights[i] += int(self.rule.grain_height[a])
+
+    def _bury(self, i: int) -> None:
+        """One of the grains of the layer, whichever it is."""
+        grains = [a for a in self.species for _ in range(self.layer[i][a])]
+        b = grains[pick(self.random, len(grains))]
+        self.layer[i][b] -= 1
+        self.buried[i].append(b)
+
+    def _dig_up(self, i: int) -> None:
+        """While the layer has room for any grain, or holds none."""
+        tallest = int(max(self.rule.grain_height))
+        while self.buried[i] and (
+            not any(self.layer[i]) or self._held(i) + tallest <= self.rule.depth
+        ):
+            self.layer[i][self.buried[i].pop()] += 1
+
+    def _first(self, side: int) -> int:
+        return 0 if side == RIGHT else self.columns - 1
+
+    def _last(self, side: int) -> int:
+        return self.columns - 1 if side == RIGHT else 0
