@@ -5,7 +5,7 @@ from itertools import groupby
 
 import numpy as np
 
-from ca_model.lattice import MANY, Lattice, RateRule, TopplingRule
+from ca_model.lattice import MANY, Lattice, RateRule, Rule, TopplingRule
 from experiment import Mixture
 from experiment.arrays import Ints
 from experiment.pouring import Sliced
@@ -13,13 +13,15 @@ from experiment.pouring import Sliced
 __all__ = ["notes"]
 
 LATE = 10  # the last tenth of the records
+MUCH = 2.0  # times the curvature length
 
 
 def notes(mixture: Mixture, lattice: Lattice, height: Sliced) -> dict[str, object]:
     """Attributes of the archive: what the lattice made of the set-up, in lattice units and in cm.
 
-    A `comment` says which repose slopes act alike, because they lie between the same integers, and
-    whether the feed exceeds what the surface can capture, from the heights (time, x) [cm].
+    A `comment` says which repose slopes act alike, because they lie between the same integers;
+    of the rate rule, where columns or grains are coarse beside the lengths of its law; and whether
+    the feed exceeds what the surface can capture, from the heights (time, x) [cm].
     """
     rule, unit = lattice.rule, lattice.unit
     told: dict[str, object] = {
@@ -31,7 +33,11 @@ def notes(mixture: Mixture, lattice: Lattice, height: Sliced) -> dict[str, objec
     }
     if isinstance(rule, RateRule):
         told["effective_surface_depth_cm"] = rule.depth * unit
-        comments = [*_walls_that_outgrew(mixture, lattice, height)]
+        told["effective_curvature_length_cm"] = _effective_curvature_length(rule)
+        comments = [
+            *_lengths_too_coarse(rule),
+            *_walls_that_outgrew(mixture, lattice, height),
+        ]
     else:
         threshold = rule.threshold
         told["effective_threshold"] = threshold.ravel()
@@ -55,6 +61,26 @@ def _slopes_that_act_alike(mixture: Mixture, thresholds: Ints) -> Iterator[str]:
             yield f"{names} act alike: on the lattice each is a slope of {threshold}"
 
 
+def _effective_curvature_length(rule: RateRule) -> float:
+    """A slope to the downhill neighbour is that half a column on: l + w / 2 [cm]."""
+    return rule.law.curvature_length + rule.width / 2
+
+
+def _lengths_too_coarse(rule: RateRule) -> Iterator[str]:
+    tallest = int(rule.grain_height.max())
+    if rule.depth < tallest:
+        yield (
+            f"the surface layer, {rule.depth * rule.unit:.3g} cm, is thinner than the largest "
+            f"grains, {tallest * rule.unit:.3g} cm: one of these is all there is of it"
+        )
+    length = rule.law.curvature_length
+    if rule.width / 2 > MUCH * length:
+        yield (
+            f"columns {rule.width:.3g} cm wide add half of that to curvature_length = {length:.3g} "
+            "cm: they damp waves more than it does"
+        )
+
+
 def _walls_that_outgrew(mixture: Mixture, lattice: Lattice, height: Sliced) -> Iterator[str]:
     """From the heights (time, x) [cm]; for a moment a wall's column may be above its neighbour."""
     rule = lattice.rule
@@ -67,9 +93,21 @@ def _walls_that_outgrew(mixture: Mixture, lattice: Lattice, height: Sliced) -> I
         return float(np.diff(grown)[0])
 
     outgrowth = max([outgrown(np.s_[-2:]), -outgrown(np.s_[:2])][: lattice.ground.sides])
-    if outgrowth > np.max(mixture.repose_slope) * lattice.column_width:
+    if outgrowth > np.max(mixture.repose_slope) * lattice.column_width + _needed_by_rates(rule):
         contacts = "all" if rule.contacts == MANY else rule.contacts
         yield (
             f"the wall column outgrew the pile by {outgrowth:.3g} cm: the feed "
             f"exceeds what the surface can capture with ca_model.contacts = {contacts}"
         )
+
+
+def _needed_by_rates(rule: Rule | RateRule) -> float:
+    """By how much [cm] a wall outgrows a pile whose last columns capture at rates.
+
+    In de Gennes's silo the slope is less than that of repose by v / (gamma (L - x)), so a wall of
+    the continuum outgrows its pile as well.
+    """
+    if isinstance(rule, Rule):
+        return 0.0
+    slowest = min(rates[a] for a, rates in enumerate(rule.law.collision_rate))
+    return rule.width / rule.step / (rule.sharpness * slowest) if slowest > 0 else np.inf

@@ -53,12 +53,16 @@ def pour(experiment: Experiment, progress: Callable[[float], object] | None = No
     return pour_in_memory(begin, experiment, progress)
 
 
-def begin(experiment: Experiment, slabs: Slabs, log: int = LOG) -> "LatticePouring":
+def begin(
+    experiment: Experiment, slabs: Slabs, log: int = LOG, most_places: int | None = None
+) -> "LatticePouring":
     """The pour before its first step; what comes to rest goes to `slabs`, `log` grains at a time.
 
-    Raises :class:`SetupError` and :class:`NotApplicableError`, as :func:`pour`.
+    By the rate rule it goes there when a stack has more than `most_places` grains, by default as
+    many as the steepest pile is high. Raises :class:`SetupError` and :class:`NotApplicableError`,
+    as :func:`pour`.
     """
-    return LatticePouring(experiment, slabs, log)
+    return LatticePouring(experiment, slabs, log, most_places)
 
 
 class LatticePouring:
@@ -66,14 +70,16 @@ class LatticePouring:
 
     model = "ca_model"
 
-    def __init__(self, experiment: Experiment, slabs: Slabs, log: int) -> None:
+    def __init__(
+        self, experiment: Experiment, slabs: Slabs, log: int, most_places: int | None
+    ) -> None:
         lattice = lattice_of(experiment)
         self.experiment, self.lattice = experiment, lattice
         self.dt, self.columns = lattice.step, lattice.columns
         self.block = max(1, min(BLOCK, int(GRAINS_AT_ONCE / (1 + lattice.grains_per_step.sum()))))
         self.feeding = Feeding(experiment, lattice)
         self.grain_thickness, self.grain_volume = lattice.grain_thickness, lattice.grain_volume
-        self.pile = _bare_pile(experiment, lattice, slabs, log)
+        self.pile = _bare_pile(experiment, lattice, slabs, log, most_places)
         self.whole_grains = lattice.row == 1
 
     def advance(self, edges: Floats) -> None:
@@ -140,13 +146,13 @@ class LatticePouring:
 
 
 def _bare_pile(
-    experiment: Experiment, lattice: Lattice, slabs: Slabs, log: int
+    experiment: Experiment, lattice: Lattice, slabs: Slabs, log: int, most_places: int | None
 ) -> Pile | RatePile | ToppledPile:
     """The pile before pouring, of the rule and below the source that the set-up asks for."""
     rule, ground, source = lattice.rule, lattice.ground, experiment.feed.source
     random = random_state(experiment.pour.seed, experiment.pour.pile)
     if isinstance(rule, RateRule):
-        return RatePile(rule, ground, slabs, random)
+        return RatePile(rule, ground, slabs, random, most_places=most_places)
     if isinstance(rule, TopplingRule):
         return ToppledPile(rule, ground, slabs.lay, random)
     at_rest = lattice.column_below_rest if source is None else None

@@ -12,8 +12,9 @@ pile's surface and some records, however many grains are poured.
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import netCDF4
 import numpy as np
@@ -21,7 +22,7 @@ import xarray as xr
 
 from ca_model.deposit import Raster, section, top_of
 from ca_model.lattice import Lattice, lattice_of
-from ca_model.run import begin
+from ca_model.run import LatticePouring, begin
 from experiment import Experiment, SetupError
 from experiment.archive import assemble, experiment_of, load
 from experiment.archive.places import in_store
@@ -142,8 +143,9 @@ def _in_units(height: xr.DataArray, lattice: Lattice) -> Ints:
 
 
 def _write_slabs(path: Path, pouring: Pouring, work: Work) -> None:
-    """The finish of a pour to disk: its slabs one after the other, and what else there is."""
+    """The finish of a pour to disk: its slabs, what was not handed on, and what else there is."""
     pouring.bury()
+    rest = cast(LatticePouring, pouring).pile.rest()
     skeleton(path, pouring, work, without=ON_A_GRID)
     with netCDF4.Dataset(path, "a") as file:
         file.createDimension(AT_REST, None)
@@ -157,7 +159,8 @@ def _write_slabs(path: Path, pouring: Pouring, work: Work) -> None:
         grain.long_name = "species of a grain at rest, numbered from 0; slab upon slab"
         captured.long_name = "number of grains of a slab that a column captured"
         captured.units = "1"
-        for k, slab in enumerate(work.reaching(*EVERYWHERE)):
+        kept = [rest] if rest.pieces.size else []
+        for k, slab in enumerate(chain(work.reaching(*EVERYWHERE), kept)):
             grains = grain.size
             grain[grains : grains + slab.pieces.size] = slab.pieces
             captured[k] = np.diff(slab.ends)

@@ -202,6 +202,7 @@ def test_progress_grows_to_one(pours) -> None:
         ("glass-sugar", ["ca_model.arrivals=poisson"], True),
         ("franks", ["ca_model.arrivals=fixed"], True),
         ("franks", ["ca_model.arrivals=fixed", "ca_model.threshold_spread=0"], False),
+        ("glass-sugar", ["ca_model.rule=rate"], True),
     ],
 )
 def test_where_chance_has_a_part_is_known(preset: str, settings: list[str], expected) -> None:

@@ -115,7 +115,7 @@ def with_chance(experiment: Experiment, model: str) -> bool:
         return False
     settings = ca_model.Settings.parse(experiment.ca_model, "ca_model")
     toppling_at_random = settings.rule == "toppling" and settings.threshold_spread > 0
-    return toppling_at_random or settings.arrivals != "fixed"
+    return settings.rule == "rate" or toppling_at_random or settings.arrivals != "fixed"
 
 
 def _scales(archive: xr.Dataset) -> dict[str, Quantity]:

@@ -9,12 +9,14 @@ import ca_model
 import continuum
 from compare.campaign import CHECK, POUR
 from compare.cli.terminal import say
-from experiment import ArchiveError, Experiment, NotApplicableError, load
+from experiment import ArchiveError, Experiment, NotApplicableError, SetupError, load
 from experiment.archive import read
 from experiment.archive.places import archive_at, is_archive
 from experiment.archive.storage import told_by
 
-__all__ = ["applicable", "archives_of", "folder_of", "load_setup", "model_of"]
+__all__ = ["applicable", "archives_of", "folder_of", "load_setup", "model_of", "ruled"]
+
+SAYS_THE_RULE = ("ca_model", "ca_model.rule")
 
 
 def load_setup(setup: str, settings: tuple[str, ...]) -> Experiment:
@@ -23,6 +25,25 @@ def load_setup(setup: str, settings: tuple[str, ...]) -> Experiment:
     ca_model.Settings.parse(experiment.ca_model, "ca_model")
     continuum.Resolution.parse(experiment.continuum, "continuum")
     return experiment
+
+
+def ruled(
+    settings: tuple[str, ...], rule: str | None, model: str, varied: tuple[str, ...] = ()
+) -> tuple[str, ...]:
+    """The settings, with the lattice's `rule` among them if it is told.
+
+    Raises :class:`SetupError` where the `model` that pours has no rules, or where one of the
+    settings or of the fields that are `varied` says the rule, too.
+    """
+    if rule is None:
+        return settings
+    if model == "continuum":
+        raise SetupError(f"--rule {rule}: the continuum has none; allowed: --model ca_model, both")
+    for option, texts in (("--set", settings), ("--vary", varied)):
+        for text in texts:
+            if text.partition("=")[0].strip() in SAYS_THE_RULE:
+                raise SetupError(f"--rule {rule}: {option} {text!r} says it too; allowed: either")
+    return (*settings, f"ca_model.rule={rule}")
 
 
 def model_of(setup: str) -> str | None:
@@ -46,15 +67,22 @@ def archives_of(folder: Path) -> list[xr.Dataset]:
 
 
 def applicable(
-    experiment: Experiment, models: list[str], console: Console | None = None
+    experiment: Experiment,
+    models: list[str],
+    console: Console | None = None,
+    *,
+    wanted: str | None = None,
 ) -> list[str]:
-    """Which of the models can pour; the others say why, and if none can, that is an error."""
+    """Which of the models can pour; the others say why.
+
+    That none of them can, or not the one that is `wanted`, is an error.
+    """
     able: list[str] = []
     for name in models:
         try:
             CHECK[name](experiment)
         except NotApplicableError as refusal:
-            if not able and name == models[-1]:
+            if name == wanted or (not able and name == models[-1]):
                 raise
             say(f"{name}: does not apply: {refusal}", console)
         else:

@@ -6,8 +6,8 @@ from pathlib import Path
 import click
 
 from compare.campaign import BEGIN, scheduler_of
-from compare.cli.inputs import applicable, folder_of, load_setup
-from compare.cli.options import force_option, json_option, path_type, set_option
+from compare.cli.inputs import applicable, folder_of, load_setup, ruled
+from compare.cli.options import force_option, json_option, path_type, rule_option, set_option
 from compare.cli.stopping import told_how_to_go_on
 from compare.cli.terminal import counting, open_console, say
 from compare.phase.axes import axes_of, varied
@@ -46,6 +46,7 @@ MOST_REASONS = 10
 @click.option(
     "-o", "--output", "path", type=path_type, metavar="FILE", help="Default: pours/SETUP/phase.nc."
 )
+@rule_option
 @set_option
 @click.option(
     "--deposits",
@@ -74,6 +75,7 @@ def phase(
     draws: int,
     model: str,
     path: Path | None,
+    rule: str | None,
     settings: tuple[str, ...],
     deposits: int,
     lines: int,
@@ -92,7 +94,7 @@ def phase(
     Example: stratify phase makse-segregation --vary mixture.delta=-0.3:0.5:16 --vary
     mixture.psi=0.05:0.5:8
     """
-    experiment = load_setup(setup, settings)
+    experiment = load_setup(setup, ruled(settings, rule, model, vary))
     path = path or folder_of(setup) / "phase.nc"
     if path.suffix != ".nc":
         raise SetupError(f"output = {path}: it should end in .nc")
@@ -101,7 +103,8 @@ def phase(
     console = open_console(stderr=as_json)
     axes = axes_of(*varied(vary), draws)
     models = list(BEGIN) if model == "both" else [model]
-    models = applicable(sound_setup(experiment, axes), models, console)
+    sound = sound_setup(experiment, axes)
+    models = applicable(sound, models, console, wanted=rule and "ca_model")
     plan = plan_of(experiment, axes, models, deposits, lines)
     share_out = scheduler_of(workers, scheduler, len(plan))
     with told_how_to_go_on("phase"), counting("phase", len(plan), console) as progress:

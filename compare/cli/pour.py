@@ -8,8 +8,8 @@ from pathlib import Path
 import click
 
 from compare.campaign import BEGIN
-from compare.cli.inputs import applicable, folder_of, load_setup, model_of
-from compare.cli.options import force_option, path_type, set_option
+from compare.cli.inputs import applicable, folder_of, load_setup, model_of, ruled
+from compare.cli.options import force_option, path_type, rule_option, set_option
 from compare.cli.stopping import Stop, tell_how_to_go_on
 from compare.cli.terminal import open_bars, progress_on, say
 from experiment import Experiment, StoppedError
@@ -36,6 +36,7 @@ __all__ = ["pour"]
     metavar="FOLDER",
     help="Default: pours/SETUP. One that ends in .zarr is a Zarr store.",
 )
+@rule_option
 @set_option
 @force_option
 @click.option("--resume", is_flag=True, help="Go on with a pour that was stopped or killed.")
@@ -55,6 +56,7 @@ def pour(
     setup: str,
     model: str | None,
     folder: Path | None,
+    rule: str | None,
     settings: tuple[str, ...],
     force: bool,
     resume: bool,
@@ -72,13 +74,15 @@ def pour(
 
     Example: stratify pour glass-sugar --set 'feed.inflow=[0.2,0.2]' -o pours/thicker
     """
+    poured_by = model_of(setup)
+    model = model or poured_by or "both"
+    settings = ruled(settings, rule, model)
     experiment = load_setup(setup, settings)
     folder = folder or folder_of(setup)
-    poured_by = model_of(setup)
     again = None if settings else poured_by
     before = None if again is None else _content_and_source(Path(setup))
-    model = model or poured_by or "both"
-    models = applicable(experiment, list(BEGIN) if model == "both" else [model])
+    models = list(BEGIN) if model == "both" else [model]
+    models = applicable(experiment, models, wanted=rule and "ca_model")
     paths = {name: archive_at(folder, name) for name in models}
     if not (resume or extend):
         refuse_existing(paths.values(), force=force)
