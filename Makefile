@@ -12,9 +12,13 @@ MAKSE := makse-segregation --set "title=Makse 1997, section V" --set continuum.c
 	--set ca_model.arrivals=drawn
 TERNARY := ternary --set mixture.theta_33=1.0 --set mixture.psi=0.15 --set pour.records=600 \
 	--set ca_model.column_width=0.15 --set ca_model.unit=0.005 --set ca_model.arrivals=drawn
+# By the rate rule, grains small enough to be near the continuum, on columns as wide as its cells.
+GRAINS := makse-segregation --rule rate --set "title=Makse 1997, section V, by the rate rule" \
+	--set continuum.cells=200 --set ca_model.column_width=0.5 --set pour.records=300 \
+	--set "mixture.grain_diameter=[0.0020833333333333333,0.004166666666666667]"
 DELTA := --vary mixture.delta=-0.3:0.5:33
 FIGURES := angles functions profiles onset phase
-DIAGRAMS := delta-psi delta-cross_rate delta-flux delta-composition ternary
+DIAGRAMS := delta-psi delta-psi-rate delta-cross_rate delta-flux delta-composition ternary
 
 .PHONY: run test lint bench giant killed picture figures diagrams validation notebooks docs lock clean
 
@@ -66,6 +70,8 @@ notebooks: .venv/.test .venv/.kernels
 diagrams: $(DIAGRAMS:%=diagram/%)
 
 diagram/delta-psi: MAP = $(MAKSE) --set pour.records=300 $(DELTA) --vary mixture.psi=0.02:0.5:25
+diagram/delta-psi-rate: MAP = $(GRAINS) --vary mixture.delta=-0.3:0.2:21 \
+	--vary mixture.psi=0.02:0.5:13
 diagram/delta-cross_rate: MAP = $(MAKSE) --set pour.records=300 $(DELTA) \
 	--vary mixture.cross_rate=0.01:2:21:log --model continuum
 diagram/delta-flux: MAP = $(MAKSE) --set pour.duration=6000.0 --set pour.records=600 $(DELTA) \

@@ -25,6 +25,7 @@ class ReferenceRates:
     def __init__(self, rule: RateRule, ground: Ground, random: RandomState) -> None:
         self.rule, self.ground, self.random = rule, ground, random
         self.species = [int(a) for a in rule.smallest_first]
+        self.grain_height = [int(height) for height in rule.grain_height]
         self.heights = [int(h) for h in ground.height]
         self.columns = len(self.heights)
         self.buried: list[list[int]] = [[] for _ in self.heights]
@@ -110,81 +111,71 @@ class ReferenceRates:
     def _exchange_in_column(self, side: int, i: int, slope: float, dt: float) -> None:
         rolling, layer = self.rolling[side][i], self.layer[i]
         phi, thickness = self.surface(i)
+        theta = self._repose_slopes(phi)
         touching = self._touching(rolling)
-        captured = {
-            a: binomial(self.random, touching[a], self._capture_chance(a, phi, slope, dt))
-            for a in self.species
-        }
-        loosened = {
-            a: binomial(
-                self.random,
-                layer[a],
-                self._loosening_chance(a, phi, slope, touching, dt / thickness),
-            )
-            for a in self.species
-        }
+        captured, loosened = [0] * len(rolling), [0] * len(rolling)
+        for a in self.species:
+            expected = self.rule.sharpness * self._capture_rate(a, theta, slope) * dt
+            captured[a] = binomial(self.random, touching[a], chance_within(expected))
+        for a in self.species:
+            struck = self._amplification_rate(a, theta, slope, touching)
+            expected = self.rule.amplification * struck * (dt / thickness)
+            loosened[a] = binomial(self.random, layer[a], chance_within(expected))
         for a in self.species:
             layer[a] -= loosened[a]
             rolling[a] += loosened[a] - captured[a]
-            self.heights[i] -= loosened[a] * int(self.rule.grain_height[a])
+            self.heights[i] -= loosened[a] * self.grain_height[a]
         for a in self.species:
             self._lay(i, a, captured[a])
         self._dig_up(i)
 
-    def surface(self, i: int) -> tuple[dict[int, float], float]:
-        """Composition of the surface, and how thick its layer is [cm]."""
-        held, lacks = self._held(i), 0
-        if not self.buried[i]:
-            lacks = max(self.rule.depth - held, 0)
-        phi = {
-            a: (
-                self.layer[i][a] * int(self.rule.grain_height[a])
-                + lacks * self.rule.rigid_fraction[a]
-            )
-            / (held + lacks)
-            for a in self.species
-        }
+    def surface(self, i: int) -> tuple[list[float], float]:
+        """Composition (species,) of the surface, and how thick its layer is [cm]."""
+        layer, ground = self.layer[i], self.rule.rigid_fraction
+        held = self._held(i)
+        lacks = 0 if self.buried[i] else max(self.rule.depth - held, 0)
+        phi = [
+            (n * height + lacks * fraction) / (held + lacks)
+            for n, height, fraction in zip(layer, self.grain_height, ground, strict=True)
+        ]
         return phi, (held + lacks) * self.rule.unit
 
-    def _theta(self, a: int, phi: dict[int, float]) -> float:
-        theta = 0.0
-        for b in self.species:
-            theta += self.rule.law.repose_slope[a][b] * phi[b]
+    def _repose_slopes(self, phi: Sequence[float]) -> list[float]:
+        theta = [0.0] * len(phi)
+        for a in self.species:
+            for b in self.species:
+                theta[a] += self.rule.law.repose_slope[a][b] * phi[b]
         return theta
 
-    def _capture_chance(self, a: int, phi: dict[int, float], slope: float, dt: float) -> float:
-        rate = self.rule.law.collision_rate[a][a] * self._positive(self._theta(a, phi) - slope)
-        return chance_within(self.rule.sharpness * rate * dt)
+    def _capture_rate(self, a: int, theta: Sequence[float], slope: float) -> float:
+        return self.rule.law.collision_rate[a][a] * self._positive(theta[a] - slope)
 
-    def _loosening_chance(
-        self, a: int, phi: dict[int, float], slope: float, touching: Sequence[int], dt: float
+    def _amplification_rate(
+        self, a: int, theta: Sequence[float], slope: float, touching: Sequence[int]
     ) -> float:
-        """`dt` [s/cm] is for each cm that the layer is thick."""
         law, struck = self.rule.law, 0.0
         for b in self.species:
-            push = law.collision_rate[b][a] * self._positive(slope - self._theta(b, phi))
+            push = law.collision_rate[b][a] * self._positive(slope - theta[b])
             struck += (law.cross_amplification[b][a] + push) * self._thickness(touching[b], b)
-        return chance_within(self.rule.amplification * struck * dt)
+        return struck
 
     def _positive(self, z: float) -> float:
         width = self.rule.law.smoothing
         return max(z, 0.0) if width == 0 else 0.5 * (z + math.sqrt(z * z + width * width))
 
     def _thickness(self, grains: int, a: int) -> float:
-        return grains * int(self.rule.grain_height[a]) * self.rule.unit
+        return grains * self.grain_height[a] * self.rule.unit
 
     def _held(self, i: int) -> int:
-        return sum(self.layer[i][a] * int(self.rule.grain_height[a]) for a in self.species)
+        return sum(n * height for n, height in zip(self.layer[i], self.grain_height, strict=True))
 
     def _lay(self, i: int, a: int, grains: int) -> None:
         """One by one; what there is no room for in the layer is buried first."""
         for _ in range(grains):
-            while any(self.layer[i]) and (
-                self._held(i) + int(self.rule.grain_height[a]) > self.rule.depth
-            ):
+            while any(self.layer[i]) and (self._held(i) + self.grain_height[a] > self.rule.depth):
                 self._bury(i)
             self.layer[i][a] += 1
-            self.heights[i] += int(self.rule.grain_height[a])
+            self.heights[i] += self.grain_height[a]
 
     def _bury(self, i: int) -> None:
         """One of the grains of the layer, whichever it is."""
@@ -195,10 +186,8 @@ class ReferenceRates:
 
     def _dig_up(self, i: int) -> None:
         """While the layer has room for any grain, or holds none."""
-        tallest = int(max(self.rule.grain_height))
-        while self.buried[i] and (
-            not any(self.layer[i]) or self._held(i) + tallest <= self.rule.depth
-        ):
+        room = self.rule.depth - max(self.grain_height)
+        while self.buried[i] and (not any(self.layer[i]) or self._held(i) <= room):
             self.layer[i][self.buried[i].pop()] += 1
 
     def _first(self, side: int) -> int:
