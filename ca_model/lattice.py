@@ -6,7 +6,9 @@ Columns are w wide, heights come in units u; a grain of species a is w wide and 
     grains of a per step = R_a^0 / (H_a u)                     columns = round(L / w)
 
 By default u is the smallest diameter and w = 10 u. A lattice slope s is an integer, so s < s_ab is
-s < ceil(s_ab): thresholds between the same integers act alike.
+s < ceil(s_ab): thresholds between the same integers act alike. By the rate rule grains may have
+their true volumes between two plates, a gap g apart: H_a = round(d_a^3 / (w g u)), by default with
+the smallest grain one unit high and w = 10 smallest diameters.
 """
 
 from typing import Annotated, Literal, NamedTuple, Self
@@ -47,6 +49,7 @@ VARIANTS = {
     "percolation": ("threshold",),
     "sharpness": ("rate",),
     "amplification": ("rate",),
+    "gap": ("rate",),
     "threshold_spread": ("toppling",),
 }
 
@@ -70,6 +73,9 @@ class Settings(Part):
     percolation: bool = True
     #: k, how many times faster than by its law grains are captured; rate rule only
     sharpness: Annotated[Positive, Field(le=1e12)] = 1.0
+    #: cm between the plates that hold the pile, of which a grain takes d_a^3; default: grains are
+    #: slabs, as wide as a column, d_a high, and as deep as the pile; rate rule only
+    gap: Positive | None = None
     #: share of the law's amplification that there is; rate rule only
     amplification: Annotated[NonNegative, Field(le=1.0)] = 1.0
     #: largest random number that is added to a threshold; toppling rule only
@@ -203,11 +209,7 @@ def lattice_of(experiment: Experiment) -> Lattice:
     settings = Settings.parse(experiment.ca_model, "ca_model")
     mixture = experiment.mixture
     _check_that_the_rule_applies(experiment, settings.rule)
-    unit = settings.unit or min(mixture.grain_diameter)
-    width = settings.column_width or 10 * unit
-    if unit > min(mixture.grain_diameter):
-        raise SetupError(f"ca_model.unit = {unit:g}: it should not exceed the smallest diameter")
-    heights = np.rint(np.array(mixture.grain_diameter) / unit).astype(np.int64)
+    unit, width, heights = _sizes(settings, np.array(mixture.grain_diameter))
     slopes = np.array(mixture.repose_slope) * width / unit
     corners = [0.0, *(x for x, _ in experiment.cell.start_surface or ())]
     base = experiment.cell.base_height(np.array(corners)) / unit
@@ -232,6 +234,26 @@ def lattice_of(experiment: Experiment) -> Lattice:
         step=width / mixture.drift_velocity[0],
         arrivals=settings.arrivals,
     )
+
+
+def _sizes(settings: Settings, diameter: Floats) -> tuple[float, float, Ints]:
+    """U and w [cm], and H_a (species,)."""
+    slab = settings.gap is None
+    width = settings.column_width or 10 * (
+        settings.unit if slab and settings.unit else diameter.min()
+    )
+    if settings.gap is not None and settings.gap < diameter.max():
+        raise SetupError(
+            f"ca_model.gap = {settings.gap:g}: it should be no less than the largest diameter"
+        )
+    thickness = diameter if settings.gap is None else diameter**3 / (width * settings.gap)
+    unit = settings.unit or float(thickness.min())
+    if unit > thickness.min():
+        least = (
+            "smallest diameter" if slab else f"height of the smallest grain, {thickness.min():.3g}"
+        )
+        raise SetupError(f"ca_model.unit = {unit:g}: it should not exceed the {least}")
+    return unit, width, np.rint(thickness / unit).astype(np.int64)
 
 
 def _rule(

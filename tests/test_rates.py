@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from ca_model.draws import binomial, chance_within, random_state
-from ca_model.lattice import MANY, Ground, RateRule, Rule
+from ca_model.lattice import MANY, Ground, RateRule, Rule, lattice_of
 from ca_model.pile import Pile
 from ca_model.rates.pile import RatePile
 from ca_model.rates.reference import ReferenceRates
+from experiment import SetupError, load
 from experiment.arrays import Ints
 from experiment.law import Law
 from experiment.pouring.slabs import Deposit
@@ -281,3 +282,30 @@ def test_what_is_certain_or_impossible_draws_no_number() -> None:
         0,
     ]
     assert (random == before).all()
+
+
+def test_between_plates_a_grain_takes_its_true_volume() -> None:
+    """A bead of 0.27 mm and a cube of 0.8 mm in columns of ten beads, in a gap of 5 mm."""
+    lattice = lattice_of(load("glass-sugar", ["ca_model.rule=rate", "ca_model.gap=0.5"]))
+    assert lattice.column_width == pytest.approx(0.27)
+    assert lattice.unit * lattice.column_width * 0.5 == pytest.approx(0.027**3)
+    assert lattice.rule.grain_height.tolist() == [1, round((0.08 / 0.027) ** 3)]
+    assert lattice.rule.depth == round(0.0535 / lattice.unit)
+
+
+@pytest.mark.parametrize(
+    ("settings", "complaint"),
+    [
+        (["ca_model.gap=0.07"], "ca_model.gap = 0.07: it should be no less than the largest"),
+        (["ca_model.gap=0.5", "ca_model.unit=0.001"], "height of the smallest grain, 0.000146"),
+        (["ca_model.rule=threshold", "ca_model.gap=0.5"], "gap = 0.5: only where rule = 'rate'"),
+        (["ca_model.percolation=true"], "percolation = True: only where rule = 'threshold'"),
+        (["ca_model.amplification=1.1"], "ca_model.amplification = 1.1"),
+        (["ca_model.sharpness=0.0"], "ca_model.sharpness = 0.0"),
+    ],
+)
+def test_a_wrong_table_is_refused_in_one_line(settings: list[str], complaint: str) -> None:
+    with pytest.raises(SetupError) as refusal:
+        lattice_of(load("glass-sugar", ["ca_model.rule=rate", *settings]))
+    assert complaint in str(refusal.value)
+    assert "\n" not in str(refusal.value)
