@@ -34,6 +34,7 @@ ARCHIVES = {
     "three-species": ("continuum", "ternary", *BRIEF),
     "three-species-ca_model": ("ca_model", "ternary", *BRIEF),
     "toppling": ("ca_model", "franks", "cell.length=5.0", *BRIEF[:2]),
+    "rates": ("ca_model", "makse-grains", "cell.length=20.0", *BRIEF[:2]),
 }
 OTHERS = ("comparison", "convergence", "slabs", "cell.layers")
 READERS = {"ncdump": ["-h"], "cdo": ["-s", "sinfon"], "ncks": ["-m"], "h5dump": ["-H"]}

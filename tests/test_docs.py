@@ -151,5 +151,5 @@ def test_every_preset_has_its_place() -> None:
 def test_every_public_name_is_documented(package: str) -> None:
     told = generated.api(package)
     for name in __import__(package, fromlist=["__all__"]).__all__:
-        assert re.search(rf"(auto\w+:: {package}|`compare\.pictures)\.{name}\b", told), name
+        assert re.search(rf"(auto\w+:: {package}|`compare\.pictures|`experiment\.law)\.{name}\b", told), name
     assert f"{{generated}} api {package}\n" in (DOCS / f"reference/api/{package}.md").read_text()

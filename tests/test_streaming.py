@@ -38,16 +38,23 @@ POURS = {  # preset, duration, settings
     "a drum": ("drum-mixture", 6.0, ["continuum.cells=40"]),
     "a moving source": ("stockpile", 60.0, []),
     "toppling": ("franks", 400.0, []),
+    "rates": (
+        "makse-grains",
+        100.0,
+        ["mixture.grain_diameter=[0.0166,0.0333]", "ca_model.column_width=0.5"],
+    ),
+    "rates over a heap": ("heap", 60.0, ["ca_model.rule=rate", "cell.end=open", "pour.pile=3"]),
     "a schedule": ("pulsed-feed", 1600.0, []),
     "three species, second order": ("ternary", 60.0, ["continuum.scheme=muscl"]),
 }
 MODELS = {"ca_model": ca_model, "continuum": continuum}
+RATES = ("rates", "rates over a heap")
 APPLICABLE = [
     pytest.param(model, name, id=f"{name}, {model}")
     for name in POURS
     for model in MODELS
     if not (model == "ca_model" and name == "a drum")
-    and not (model == "continuum" and name in ("a moving source", "toppling"))
+    and not (model == "continuum" and name in ("a moving source", "toppling", *RATES))
 ]
 every_pour = pytest.mark.parametrize(("model", "name"), APPLICABLE)
 

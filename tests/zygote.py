@@ -37,6 +37,7 @@ DIGGING = [  # smooth grains carry away the heap that rough ones made
     "feed.schedule={kind='pulses', period=500.0, share=0.5, inflow=[0.0,0.9]}",
     "pour.duration=450.0",
 ]
+RATES = ["ca_model={rule='rate', column_width=0.5, unit=0.02}"]
 
 
 class Case(NamedTuple):
@@ -56,7 +57,7 @@ class Case(NamedTuple):
     def begin(self) -> Begin:
         """The pour, with so little memory that deposits are handed on and dug up again."""
         if self.model == "ca_model":
-            return partial(ca_model.begin, log=500)
+            return partial(ca_model.begin, log=500, most_places=64)
         return partial(continuum.begin, most_bins=64)
 
 
@@ -85,6 +86,13 @@ CASES = {
     ),
     "toppling, extended": Case(
         "ca_model", "franks", ["cell.length=9.0", "pour.duration=40.0", "pour.records=4"], longer=2
+    ),
+    "rates": Case("ca_model", "makse-stratification", [*SILO, *DIGGING, *RATES]),
+    "rates, extended": Case(
+        "ca_model",
+        "makse-stratification",
+        [*SILO, *RATES, "cell.start_slope=0.0", "pour.duration=150.0", "pour.records=4"],
+        longer=2,
     ),
     "three species": Case(
         "ca_model", "ternary", ["cell.length=5.0", "pour.duration=9.0", "pour.records=6"]

@@ -58,6 +58,7 @@ PARTS: dict[str, type[Part]] = {
 PACKAGES = (
     "experiment",
     "experiment.archive",
+    "experiment.law",
     "ca_model",
     "continuum",
     "continuum.theory",
