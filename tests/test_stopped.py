@@ -16,7 +16,7 @@ from pathlib import Path
 import netCDF4
 import pytest
 import xarray as xr
-from zygote import CASES, pour
+from zygote import CASES, ODD, pour
 
 from compare.cli.stopping import Stop
 from experiment import ArchiveError, OutputExistsError, SetupError, StoppedError
@@ -278,12 +278,15 @@ def test_an_extension_goes_on_from_no_other_archive(tmp_path: Path) -> None:
     assert files(tmp_path) == before
 
 
-def test_an_extension_that_digs_deeper_than_the_archive_kept_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("case", ODD)
+def test_an_extension_that_digs_deeper_than_the_archive_kept_is_refused(
+    case: str, tmp_path: Path
+) -> None:
     path = tmp_path / "pour.nc"
-    pour("dug up later", str(path))
+    pour(case, str(path))
     before = path.read_bytes()
     with pytest.raises(ArchiveError, match="cannot be extended so far: the flow would dig up"):
-        pour("dug up later", str(path), extend=True)
+        pour(case, str(path), extend=True)
     assert path.read_bytes() == before
 
 

@@ -256,6 +256,21 @@ def test_grains_that_will_never_topple_are_handed_on() -> None:
     np.testing.assert_array_equal(found["deposit_fraction"], expected)
 
 
+def test_grains_that_lie_deeper_than_the_steepest_pile_are_handed_on() -> None:
+    """By the rate rule: so many as half of that are kept, and those on top of them."""
+    settings = [*SHORT, "cell.length=10.0", "ca_model.rule=rate", "pour.duration=2000.0"]
+    slabs = Counted()
+    pouring = ca_model.begin(load("makse-stratification", settings), slabs)
+    found = poured(pouring, slabs)
+    steepest = 1.25 * 10.0 / (1 / 15)
+    assert slabs.laid >= 3
+    assert not slabs.taken_back
+    kept = pouring.pile.state()["grains"]
+    assert kept.max() < 2 * steepest < found["deposited_volume"][-1].sum() / 10 * 15 / 2
+    expected = ca_model.pour(pouring.experiment)["deposit_fraction"].values
+    np.testing.assert_array_equal(found["deposit_fraction"], expected)
+
+
 @pytest.mark.skipif(not MEMORY.exists(), reason="there is no peak of memory to read")
 @pytest.mark.parametrize("model", MODELS)
 def test_memory_stays_flat_however_long_it_is_poured(model: str, tmp_path: Path) -> None:

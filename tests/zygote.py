@@ -114,6 +114,12 @@ CASES = {
 
 
 ODD = {  # that come to no end
+    "grains dug up later": Case(
+        "ca_model",
+        "makse-stratification",
+        [*SILO, *DIGGING, *RATES, "mixture.surface_depth=0.02", "pour.duration=250.0"],
+        longer=2,
+    ),
     "dug up later": Case(
         "continuum", "makse-stratification", [*SILO, *DIGGING, "pour.duration=250.0"], longer=2
     ),
