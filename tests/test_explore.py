@@ -22,7 +22,7 @@ from compare.explore import page as explore_page
 from compare.explore import words
 from compare.explore.clock import Clock
 from compare.explore.controls import PREDICT
-from compare.explore.desk import Desk, Stage, presets
+from compare.explore.desk import RATE, THRESHOLD, Desk, Stage, presets
 from compare.explore.knobs import KNOBS, turned
 from compare.explore.page import Page
 from compare.explore.pours import Numbers, Pours
@@ -115,6 +115,21 @@ def test_what_cannot_be_poured_is_said_in_a_line_and_the_last_good_set_up_stays(
     desk.turn(knob, KNOBS[knob].read(before))
     assert desk.complaint == ""
     assert desk.setup == before
+
+
+def test_the_rule_of_the_lattice_can_be_chosen_and_stays_whatever_else_is_turned() -> None:
+    desk = Desk("glass-sugar")
+    preset = desk.setup
+    desk.follow(RATE)
+    desk.turn("psi", 0.2)
+    assert (desk.setup.ca_model["rule"], desk.setup.mixture.psi) == (RATE, pytest.approx(0.2))
+    desk.choose("makse-segregation")
+    assert desk.setup.ca_model["rule"] == RATE
+    desk.choose("glass-sugar")
+    told = words.numbers_told(Pours(desk.setup).of["ca_model"], words.HIDDEN)
+    assert "at the continuum's rates" in told
+    desk.follow(THRESHOLD)
+    assert desk.setup == preset
 
 
 def test_what_cannot_be_poured_is_poured_once_and_the_last_good_pours_stay(pours: Pours) -> None:

@@ -7,6 +7,7 @@ import panel as pn
 
 from compare.explore import words
 from compare.explore.clock import Clock
+from compare.explore.desk import RATE, THRESHOLD
 from compare.explore.knobs import KNOBS
 from compare.explore.prediction import PATTERNS
 from compare.explore.view import Pile
@@ -15,6 +16,10 @@ __all__ = ["EXPLORE", "PREDICT", "STYLE", "Controls"]
 
 STYLE = files(__package__).joinpath("page.css").read_text(encoding="utf-8")
 EXPLORE, PREDICT = "Explore", "Predict, then run"
+RULES = {
+    "threshold: stop where it is flat enough": THRESHOLD,
+    "rate: by chance, as in the continuum": RATE,
+}
 PACES = {"in 15 s": 15.0, "in 30 s": 30.0, "in 60 s": 60.0}
 
 
@@ -25,6 +30,7 @@ class Controls:
         """Of `presets`, names by titles."""
         self.mode = pn.widgets.RadioButtonGroup(options=[EXPLORE, PREDICT], value=EXPLORE, **_wide)
         self.preset = pn.widgets.Select(label="preset", options=presets, **_wide)
+        self.rule = pn.widgets.Select(label="rule of lattice grains", options=RULES, **_wide)
         self.knobs = {
             name: _slider(knob.label, name, format="0[.]0" if knob.step >= 0.5 else "0[.]000")
             for name, knob in KNOBS.items()
@@ -90,6 +96,7 @@ class Controls:
             _text("<h1>stratify <small>pour a mixture</small></h1>"),
             self.mode,
             self.preset,
+            self.rule,
             *self.knobs.values(),
             self.sizes,
             self.save,

@@ -1,4 +1,4 @@
-"""The desk of one visitor: a preset, its knobs, the pours that were made of it, and a clock.
+"""The desk of one visitor: a preset, its knobs and rule, its pours, and a clock.
 
 Every change of a knob asks for both pours anew, from the first grain; the clock goes on from the
 share of the pour where it stands. What cannot be poured is said in a line, and the last good pours
@@ -17,8 +17,9 @@ from compare.explore.pours import Pours
 from compare.explore.prediction import Guess, Try, judge
 from experiment import Experiment, NotApplicableError, SetupError, load, preset_names
 
-__all__ = ["Desk", "Stage", "presets"]
+__all__ = ["RATE", "THRESHOLD", "Desk", "Stage", "presets"]
 
+THRESHOLD, RATE = "threshold", "rate"
 RESOLUTION = {"continuum.cells": 200, "pour.records": 400}
 FIRST = "glass-sugar"
 ROUND_OFF = 1e-6  # of what a browser gives back
@@ -28,7 +29,8 @@ ROUND_OFF = 1e-6  # of what a browser gives back
 def presets() -> dict[str, Experiment]:
     """What can be explored: presets of two species, steadily fed, that both models pour in a silo.
 
-    By name, as finely resolved as what is poured many times over has to be.
+    By name, as finely resolved as what is poured many times over has to be. Of those that tell a
+    rule of the lattice none, for it is the visitor's choice.
     """
     return {name: setup for name in preset_names() if (setup := _explorable(name)) is not None}
 
@@ -37,6 +39,8 @@ def _explorable(name: str) -> Experiment | None:
     setup = load(name).with_values(RESOLUTION)
     steady = setup.feed.schedule.kind == "constant" and setup.feed.source is None
     if setup.mixture.species != 2 or setup.cell.shape != "silo" or not steady:
+        return None
+    if "rule" in setup.ca_model:
         return None
     try:
         for check in CHECK.values():
@@ -60,6 +64,7 @@ class Desk:
 
     def __init__(self, first: str = FIRST) -> None:
         self.presets = presets()
+        self.rule = THRESHOLD
         self.clock = Clock()
         self.pours: Pours | None = None
         self.complaint = ""
@@ -73,10 +78,8 @@ class Desk:
         """Begin with a preset, from the first grain."""
         self.preset = preset
         self.values: dict[str, float] = {}
-        self.setup = self.presets[preset]
-        self.complaint = ""
+        self._set_up()
         self.clock.turn(0.0)
-        self._hide_again()
 
     def turn(self, knob: str, value: float) -> None:
         """Turn a knob, as far as there is something to pour there; else `complaint` says why."""
@@ -84,8 +87,19 @@ class Desk:
             self.values.pop(knob, None)
         else:
             self.values[knob] = value
+        self._set_up()
+
+    def follow(self, rule: str) -> None:
+        """Have the lattice follow another rule, as far as there is something to pour by it."""
+        self.rule = rule
+        self._set_up()
+
+    def _set_up(self) -> None:
+        """The set-up that is asked for, if both models can pour it; else `complaint` says why."""
         try:
             setup = turned(self.presets[self.preset], self.values)
+            if self.rule != THRESHOLD:
+                setup = setup.with_values({"ca_model.rule": self.rule})
             for check in CHECK.values():
                 check(setup)
         except SetupError as error:

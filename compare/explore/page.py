@@ -57,6 +57,7 @@ class Page:
     def _listen(self) -> None:
         desk, controls = self.desk, self.controls
         self._heed(controls.preset, desk.choose)
+        self._heed(controls.rule, desk.follow)
         for name, slider in controls.knobs.items():
             self._heed(slider, partial(desk.turn, name))
         self._heed(controls.mode, lambda mode: desk.predict(on=mode == PREDICT))

@@ -99,7 +99,9 @@ def numbers_told(pile: Poured, found: Numbers | str, verdict: Verdict | None = N
     model = pile.archive.attrs["model"]
     acts = ""
     if model == "ca_model" and found != POURING:
-        acts = f": acts as δ = {_signed(pile.delta)}"
+        acts = ": at the continuum's rates"
+        if "effective_repose_slope" in pile.archive.attrs:
+            acts = f": acts as δ = {_signed(pile.delta)}"
     return (
         f'<section class="numbers {regime}" aria-label="{MODEL_NAMES[model]}">'
         f"<h2>{MODEL_NAMES[model]}<small>{acts}</small>{_judged(verdict)}</h2>"
