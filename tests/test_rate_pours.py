@@ -10,9 +10,13 @@ import xarray as xr
 import ca_model
 from ca_model.stream import pour_to_disk, read_section
 from compare import measure
+from compare.cli import cli
 from compare.pictures import draw
 from compare.prediction import base, models_with_chance
-from experiment import Experiment, load
+from experiment import Experiment, NotApplicableError, SetupError, load
+from experiment.archive import experiment_of, read
+from experiment.archive.digest import DIGEST
+from experiment.archive.storage import read_whole, told_by
 
 MODELS = ("ca_model", "continuum")
 RATE = "ca_model.rule=rate"
@@ -148,3 +152,73 @@ def test_a_wall_that_outgrows_the_pile_by_what_rates_need_is_not_the_feeds_fault
     assert outgrown[0] == pytest.approx(outgrown[1], abs=0.15)
     few = poured("ca_model", "makse-stratification", *brief, "ca_model.contacts=1")
     assert "what the surface can capture with ca_model.contacts = 1" in few.attrs["comment"]
+
+
+BRIEF = [
+    "--set=cell.length=20.0",
+    "--set=pour.duration=10.0",
+    "--set=pour.records=5",
+    "--set=continuum.cells=20",
+]
+LONGER = [*BRIEF, "--set=pour.duration=200.0"]
+
+
+def stratify(*arguments: str) -> None:
+    cli.main(arguments, standalone_mode=False)
+
+
+def test_the_rule_is_told_by_an_option_and_kept_by_the_archive(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    stratify("pour", "makse-stratification", *BRIEF, "--rule", "rate", "-o", "run")
+    stratify("pour", "makse-stratification", *BRIEF, "--rule", "rate", "-o", "run.zarr")
+    assert told_by(Path("run/ca_model.nc"), DIGEST) == told_by(Path("run.zarr/ca_model"), DIGEST)
+    assert experiment_of(read(Path("run/ca_model.nc"))).ca_model["rule"] == "rate"
+    stratify("pour", "run/ca_model.nc", "-o", "again")
+    assert "it holds what run/ca_model.nc holds, bit for bit" in capsys.readouterr().out
+    stratify("pour", "run/ca_model.nc", "--rule", "threshold", "-o", "other")
+    assert experiment_of(read(Path("other/ca_model.nc"))).ca_model["rule"] == "threshold"
+    stratify("show", "run/ca_model.nc")
+    stratify("compare", "run")
+    assert Path("run/comparison.png").exists()
+
+
+def test_a_diagram_is_mapped_by_the_rule_that_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    vary = ["--vary", "mixture.delta=-0.1,0.2", "--lines", "0", "--workers", "1"]
+    for rule in ("rate", "threshold"):
+        stratify("phase", "makse-segregation", *LONGER, *vary, "--rule", rule, "-o", f"{rule}.nc")
+    rate, threshold = (read_whole(Path(f"{rule}.nc")) for rule in ("rate", "threshold"))
+    assert (rate["failure"] == "").all()
+    segregation = [
+        diagram["segregation"].sel(model_name="ca_model") for diagram in (rate, threshold)
+    ]
+    assert (segregation[0].values != segregation[1].values).any()
+
+
+@pytest.mark.parametrize(
+    ("command", "refusal"),
+    [
+        ("pour glass-sugar --set ca_model.rule=rate", "--set 'ca_model.rule=rate' says it too"),
+        ("pour glass-sugar --set ca_model={unit=0.01}", "allowed: either"),
+        ("pour glass-sugar --model continuum", "--rule rate: the continuum has none; allowed: "),
+        ("pour glass-sugar --set ca_model.percolation=false", "only where rule = 'threshold'"),
+        ("pour franks", "ca_model.threshold_spread = 1: only where rule = 'toppling' it applies"),
+        ("pour lattice-segregation", "mixture.collision_rate: missing"),
+        ("pour drum-mixture", "cell.shape = 'drum': the lattice pours silos and heaps"),
+        ("phase glass-sugar --vary ca_model.rule=rate,threshold", "says it too; allowed: either"),
+        ("phase lattice-segregation --vary mixture.psi=0.1,0.2", "collision_rate: missing"),
+    ],
+)
+def test_a_rule_that_cannot_be_is_refused_in_a_line_and_nothing_is_poured(
+    command: str, refusal: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises((SetupError, NotApplicableError)) as refused:
+        stratify(*command.split(), "--rule", "rate")
+    assert refusal in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert not list(tmp_path.iterdir())

@@ -18,7 +18,7 @@ STYLE = files(__package__).joinpath("page.css").read_text(encoding="utf-8")
 EXPLORE, PREDICT = "Explore", "Predict, then run"
 RULES = {
     "threshold: stop where it is flat enough": THRESHOLD,
-    "rate: by chance, as in the continuum": RATE,
+    "rate: by the chances of the continuum": RATE,
 }
 PACES = {"in 15 s": 15.0, "in 30 s": 30.0, "in 60 s": 60.0}
 
