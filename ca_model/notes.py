@@ -56,7 +56,11 @@ def _slopes_that_act_alike(mixture: Mixture, thresholds: Ints) -> Iterator[str]:
 
 
 def _walls_that_outgrew(mixture: Mixture, lattice: Lattice, height: Sliced) -> Iterator[str]:
-    """From the heights (time, x) [cm]; for a moment a wall's column may be above its neighbour."""
+    """From the heights (time, x) [cm]; for a moment a wall's column may be above its neighbour.
+
+    At rates it is so for ever: half of what reaches the neighbour goes on where theta - s is
+    ln 2 v / (gamma w).
+    """
     rule = lattice.rule
     if lattice.ground.lips is not None or isinstance(rule, TopplingRule):
         return
@@ -67,7 +71,11 @@ def _walls_that_outgrew(mixture: Mixture, lattice: Lattice, height: Sliced) -> I
         return float(np.diff(grown)[0])
 
     outgrowth = max([outgrown(np.s_[-2:]), -outgrown(np.s_[:2])][: lattice.ground.sides])
-    if outgrowth > np.max(mixture.repose_slope) * lattice.column_width:
+    allowed = np.max(mixture.repose_slope) * lattice.column_width
+    if isinstance(rule, RateRule):
+        slowest = min(rates[a] for a, rates in enumerate(rule.law.collision_rate))
+        allowed += rule.width / rule.step / (rule.sharpness * slowest)
+    if outgrowth > allowed:
         contacts = "all" if rule.contacts == MANY else rule.contacts
         yield (
             f"the wall column outgrew the pile by {outgrowth:.3g} cm: the feed "
