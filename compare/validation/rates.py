@@ -98,7 +98,18 @@ POURS = {
     "heap": Pour(
         "heap", 30, 512, ("pour.duration=8.0", "mixture.surface_depth=0.3", "cell.end=wall")
     ),
-    "pulses": Pour("pulsed-feed", 30, 512, ("pour.duration=12.0", THICK)),
+    "pulses": Pour(
+        "pulsed-feed",
+        30,
+        512,
+        (
+            "pour.duration=100.0",
+            "cell.length=30.0",
+            "feed.schedule.period=40.0",
+            "mixture.delta=-0.2",
+            THICK,
+        ),
+    ),
 }
 
 
