@@ -18,9 +18,10 @@ from pydantic import Field, field_validator, model_validator
 
 from ca_model.arrivals import ArrivalKind
 from ca_model.kernel.log import MOST_RANKS
+from ca_model.rates.kernel import COURANT
 from experiment import Experiment, Mixture, NotApplicableError, SetupError
 from experiment.arrays import Floats, Ints
-from experiment.fields import NonNegative, Part, Positive
+from experiment.fields import SMALLEST, NonNegative, Part, Positive
 from experiment.law import Law, law_of
 from experiment.species import Values
 
@@ -44,6 +45,7 @@ MANY = 2**62
 MOST_COLUMNS = 10_000_000
 HIGHEST = 2**40  # u
 MOST_GRAINS = 1_000_000  # a step
+MOST_SUBSTEPS = 100_000
 VARIANTS = {
     "contacts": ("threshold", "rate"),
     "percolation": ("threshold",),
@@ -72,7 +74,7 @@ class Settings(Part):
     #: whether only the smallest species in a column touches the pile; threshold rule only
     percolation: bool = True
     #: k, how many times faster than by its law grains are captured; rate rule only
-    sharpness: Annotated[Positive, Field(le=1e12)] = 1.0
+    sharpness: Annotated[float, Field(strict=True, ge=SMALLEST, le=1e12)] = 1.0
     #: cm between the plates that hold the pile, of which a grain takes d_a^3; default: grains are
     #: slabs, as wide as a column, d_a high, and as deep as the pile; rate rule only
     gap: Positive | None = None
@@ -273,11 +275,14 @@ def _rule(
 def _rate_rule(
     settings: Settings, experiment: Experiment, heights: Ints, unit: float, width: float
 ) -> RateRule:
-    mixture = experiment.mixture
+    mixture, law = experiment.mixture, law_of(experiment.mixture)
+    step = width / mixture.drift_velocity[0]
+    touching = settings.most_contacts * (int(heights.max()) * unit)
+    _check_the_substeps(law, np.minimum(experiment.feed.largest_inflow, touching), width, step)
     return RateRule(
         grain_height=heights,
         smallest_first=_smallest_first(mixture),
-        law=law_of(mixture),
+        law=law,
         rigid_fraction=experiment.start_composition,
         contacts=settings.most_contacts,
         sharpness=settings.sharpness,
@@ -285,8 +290,22 @@ def _rate_rule(
         depth=max(1, round(mixture.surface_depth / unit)),
         unit=unit,
         width=width,
-        step=width / mixture.drift_velocity[0],
+        step=step,
     )
+
+
+def _check_the_substeps(law: Law, thickness: Floats, width: float, step: float) -> None:
+    """Refuse rates at which a flow as thick as the feed, or as touches, takes for ever."""
+    rates = np.array(law.collision_rate)
+    climb = float(rates.max(axis=1) @ thickness) * (1 + 2 * law.curvature_length / width)
+    substeps = climb * step / (COURANT * width)
+    if substeps > MOST_SUBSTEPS:
+        raise SetupError(
+            f"mixture.collision_rate = {rates.tolist()}: each step of {step:.2g} s needs "
+            f"{substeps:.2g} sub-steps; at most {MOST_SUBSTEPS} are allowed "
+            f"(ca_model.column_width = {width:g}, "
+            f"mixture.curvature_length = {law.curvature_length:g})"
+        )
 
 
 def _smallest_first(mixture: Mixture) -> Ints:
