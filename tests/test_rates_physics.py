@@ -55,7 +55,7 @@ def a_rule(species: int, **of_law: object) -> RateRule:
     numbers = np.random.default_rng(7)
     slopes = numbers.uniform(0.3, 1.0, (species, species))
     rates = numbers.uniform(0.2, 1.5, (species, species))
-    mu = numbers.uniform(0.0, 0.05, (species, species)) * (1 - np.eye(species))
+    mu = numbers.uniform(0.0, 0.5, (species, species)) * (1 - np.eye(species))
     rule = rule_of(
         slopes.tolist(),
         rates.tolist(),
