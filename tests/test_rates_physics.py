@@ -229,6 +229,15 @@ def one_step(pile: RatePile) -> State:
     )
 
 
+def test_all_columns_find_their_slope_from_the_heights_of_one_instant() -> None:
+    """Small grains are captured everywhere; seen by a neighbour, they would stop the large ones."""
+    calm = rule_of([[1.0, 1.0], [0.79, 0.79]], [[1e-3, 0.0], [0.0, 1e-3]])
+    law = calm.law._replace(curvature_length=0.5)
+    rule = calm._replace(law=law, sharpness=1e12, amplification=0.0)
+    pile = layered_pile(rule, np.zeros(9, np.int8), np.array([4, 0]), np.array([5, 5]), 8)
+    assert (one_step(pile).rolling == [0, 5]).all()
+
+
 @pytest.mark.parametrize("tall", [1, 2, 3])
 @pytest.mark.parametrize("depth", [6, 24, 96])
 def test_what_a_layer_held_fades_with_what_is_captured_as_hiranos_does(
