@@ -12,7 +12,8 @@ import numpy as np
 from ca_model.deposit import top_of
 from ca_model.draws import RandomState
 from ca_model.lattice import Ground, RateRule
-from ca_model.rates.kernel import BARE, DONE, Exchange, FlowingPile, advance, composition
+from ca_model.rates.kernel import BARE, DONE, advance, composition
+from ca_model.rates.state import Exchange, FlowingPile, bare_draws
 from experiment.arrays import Floats, Ints
 from experiment.pouring.slabs import Slab, Slabs
 from experiment.pouring.state import State, arrays_of, put_back
@@ -39,6 +40,7 @@ class RatePile:
         self._ranks = np.argsort(self._species)  # (species,)
         self._rule = _ranked(rule)
         self._pile = _bare_pile(self._rule, ground, random)
+        self._draws = bare_draws(len(self._species), len(ground.height))
         self._bottom = ground.height.copy()  # (column,) u; of what is in memory
         self._most_places = np.array([most_places or _places_of_relief(rule, ground)])
 
@@ -49,7 +51,7 @@ class RatePile:
         """
         ranked = np.ascontiguousarray(arrivals.take(self._species, axis=2))
         while True:
-            steps, why = advance(self._pile, self._rule, ranked, source)
+            steps, why = advance(self._pile, self._rule, self._draws, ranked, source)
             ranked, source = ranked[steps:], source[steps:]
             if why == DONE:
                 return
@@ -108,10 +110,10 @@ class RatePile:
 
     def rest(self) -> Slab:
         """What is in memory; of a surface layer, which has no order, the tallest grains first."""
-        pile, layers = self._pile, self._pile.layer.sum(axis=1)
+        pile, layers = self._pile, self._pile.layer.sum(axis=0)
         stacks = [
             np.concatenate([stack[:count], np.repeat(np.arange(len(layer))[::-1], layer[::-1])])
-            for stack, count, layer in zip(pile.stack, pile.grains, pile.layer, strict=True)
+            for stack, count, layer in zip(pile.stack, pile.grains, pile.layer.T, strict=True)
         ]
         return self._slab(np.concatenate(stacks), pile.grains + layers)
 
@@ -155,15 +157,15 @@ class RatePile:
     @property
     def surface_fraction(self) -> Floats:
         """Composition (column, species) of the surface layer."""
-        phi = np.empty(self._pile.layer.shape)
+        phi = np.empty(self._pile.layer.T.shape)
         composition(self._pile, self._rule, phi)
         return phi.take(self._ranks, axis=1)
 
     @property
     def rolling(self) -> Ints:
         """Rolling grains (column, species), of both sides."""
-        rolling = self._pile.rolling[:, 1:-1].sum(axis=0)
-        return np.asarray(rolling.take(self._ranks, axis=1))
+        rolling = self._pile.rolling[:, :, 1:-1].sum(axis=0)
+        return np.asarray(rolling.take(self._ranks, axis=0).T)
 
     @property
     def outflow(self) -> Ints:
@@ -211,8 +213,8 @@ def _bare_pile(rule: Exchange, ground: Ground, random: RandomState) -> FlowingPi
     return FlowingPile(
         wall=ground.lips is None,
         height=np.concatenate([lips[:1], ground.height, lips[1:]]).astype(np.int64),
-        rolling=np.zeros((ground.sides, 1 + columns + 1, ranks), dtype=np.int64),
-        layer=np.zeros((columns, ranks), dtype=np.int64),
+        rolling=np.zeros((ground.sides, ranks, 1 + columns + 1), dtype=np.int64),
+        layer=np.zeros((ranks, columns), dtype=np.int64),
         stack=np.zeros((columns, FIRST_PLACES), dtype=np.int8),
         grains=np.zeros(columns, dtype=np.int64),
         handed_on=np.zeros(columns, dtype=np.int64),
