@@ -3,11 +3,12 @@
  * written, as division by a constant, whose rounding it keeps), so the very same grains.
  *
  * All columns meet the heights with which a sub-step begins, so what does not hang on the random
- * words is found first, eight columns in the lanes of a register: chances, and by how likely none of
- * so many grains is captured or set rolling, (1 - p)^n. What is left, column after column, is a word
- * for each draw and a comparison; only where a grain moves is there more to do.
+ * words is found first, eight columns in the lanes of a register: chances, and how likely none of so
+ * many grains is captured or set rolling, (1 - p)^n. What is left is a word for each draw and a
+ * comparison, the eight draws of two columns in the lanes of a register; only where a grain moves is
+ * there more to do, and there the four draws of a column are inverted at once.
  *
- * Arrays are (rank, column) as in the kernel; the smallest rank is 0.
+ * Two species; arrays are (rank, column) as in the kernel, the smallest rank is 0.
  */
 #include <immintrin.h>
 #include <math.h>
@@ -18,7 +19,8 @@
 #define COURANT 0.25
 #define CERTAIN 40.0
 #define MOST_AT_ONCE 16.0
-#define MOST_RANKS 4
+#define N 2         /* ranks */
+#define DRAWS (2 * N) /* of a column: capture by rank, then setting rolling */
 #define LANES 8
 #define NO_DRAW 2.0     /* as a probability that nothing moves: no word is drawn */
 #define UNCOMMON (-1.0) /* certain, likelier than not, or of so many that several are drawn */
@@ -30,7 +32,7 @@ typedef double Reals __attribute__((vector_size(64)));
 typedef int64_t Wholes __attribute__((vector_size(64)));
 
 typedef struct {
-    int64_t ranks, columns, places, steps;
+    int64_t columns, places, steps;
     int64_t *height;  /* (column,) */
     int64_t *rolling; /* (rank, column) */
     int64_t *layer;   /* (rank, column) */
@@ -47,12 +49,12 @@ typedef struct {
 } Job;
 
 typedef struct {
-    int64_t columns, places, contacts, depth, tallest, tall[MOST_RANKS];
-    double repose[MOST_RANKS][MOST_RANKS], gamma[MOST_RANKS][MOST_RANKS];
-    double mu[MOST_RANKS][MOST_RANKS], rigid[MOST_RANKS];
+    int64_t columns, places, contacts, depth, tallest, tall[N];
+    double repose[N][N], gamma[N][N];
+    double mu[N][N], rigid[N];
     double smoothing, curvature, steepness, sharpness, amplification, unit;
-    int64_t *height, *rolling[MOST_RANKS], *layer[MOST_RANKS], *grains;
-    double *chance[2 * MOST_RANKS], *none[2 * MOST_RANKS]; /* of capture, then of setting rolling */
+    int64_t *height, *rolling[N], *layer[N], *grains;
+    double *chance, *none; /* (column, draw) */
     int8_t *stack;
     uint64_t random;
 } Pile;
@@ -137,31 +139,50 @@ INLINE Reals positive(Reals z, double smoothing) {
     return 0.5 * (z + (Reals)_mm512_sqrt_pd((__m512d)(z * z + smoothing * smoothing)));
 }
 
-/* Put down how likely an event that is `expected` so often is, and that none of n has it. */
-INLINE void put_down(Pile *pile, int draw, int64_t i, Reals expected, Wholes n) {
+typedef struct {
+    Reals chance, none;
+} Draw;
+
+/* How likely an event is that is `expected` so often, and that none of n has it. */
+INLINE Draw draw_of(Reals expected, Wholes n) {
     const Wholes drawn = (expected > 0.0) & (n > 0);
-    Reals none = all(NO_DRAW);
+    Draw draw = {all(0.0), all(NO_DRAW)};
     if (some(drawn)) {
-        const Reals chance = chance_within(expected);
-        const Wholes common = (chance <= 0.5) & (reals(n) * chance <= MOST_AT_ONCE);
+        draw.chance = chance_within(expected);
+        const Wholes common = (draw.chance <= 0.5) & (reals(n) * draw.chance <= MOST_AT_ONCE);
         const int64_t largest = _mm512_reduce_max_epi64((__m512i)n);
-        Reals base = 1.0 - chance, power = all(1.0);
+        Reals base = 1.0 - draw.chance, power = all(1.0);
         for (int64_t bit = 1; bit <= largest; bit <<= 1, base *= base)
             power = choose((n & bit) != 0, power * base, power);
-        none = choose(drawn & (chance > 0.0), choose(common, power, all(UNCOMMON)), none);
-        store(pile->chance[draw] + i, chance);
+        draw.none = choose(drawn & (draw.chance > 0.0), choose(common, power, all(UNCOMMON)), draw.none);
     }
-    store(pile->none[draw] + i, none);
+    return draw;
+}
+
+/* Four registers, a draw each, as eight columns of four draws. */
+INLINE void put_down(double *to, Reals a, Reals b, Reals c, Reals d) {
+    const Wholes low = {0, 8, 1, 9, 2, 10, 3, 11}, high = {4, 12, 5, 13, 6, 14, 7, 15};
+    const Wholes left = {0, 1, 8, 9, 2, 3, 10, 11}, right = {4, 5, 12, 13, 6, 7, 14, 15};
+    const Reals ab = __builtin_shuffle(a, b, low), cd = __builtin_shuffle(c, d, low);
+    const Reals ab_ = __builtin_shuffle(a, b, high), cd_ = __builtin_shuffle(c, d, high);
+    store(to, __builtin_shuffle(ab, cd, left));
+    store(to + LANES, __builtin_shuffle(ab, cd, right));
+    store(to + 2 * LANES, __builtin_shuffle(ab_, cd_, left));
+    store(to + 3 * LANES, __builtin_shuffle(ab_, cd_, right));
 }
 
 /* Eight columns from i on; whether anything rolls there. */
-INLINE int find_chances(Pile *pile, int64_t i, double dt, const int N) {
+INLINE int find_chances(Pile *pile, int64_t i, double dt) {
     Wholes rolling[N], layer[N], rolls = (Wholes){0}, held = rolls;
     for (int a = 0; a < N; a++) {
         rolling[a] = loaded(pile->rolling[a] + i);
         rolls |= rolling[a];
     }
-    if (!some(rolls != 0)) return 0;
+    if (!some(rolls != 0)) {
+        const Reals never = all(NO_DRAW);
+        put_down(pile->none + DRAWS * i, never, never, never, never);
+        return 0;
+    }
     for (int a = 0; a < N; a++) {
         layer[a] = loaded(pile->layer[a] + i);
         held += layer[a] * pile->tall[a];
@@ -174,6 +195,7 @@ INLINE int find_chances(Pile *pile, int64_t i, double dt, const int N) {
     const Wholes bend = (loaded(pile->height + i - 1) - here) - theta_here;
     const Reals slope = (reals(theta_here) - pile->curvature * reals(bend)) * pile->steepness;
     Reals phi[N], theta[N], push[N], exposed[N];
+    Draw draw[DRAWS];
     Wholes touching[N], left = nothing + pile->contacts;
     for (int a = 0; a < N; a++)
         phi[a] = (reals(layer[a] * pile->tall[a]) + reals(lacks) * pile->rigid[a]) / whole;
@@ -185,21 +207,24 @@ INLINE int find_chances(Pile *pile, int64_t i, double dt, const int N) {
         left -= touching[a];
         exposed[a] = reals(touching[a] * pile->tall[a]) * pile->unit;
         const Reals rate = pile->gamma[a][a] * positive(theta[a] - slope, pile->smoothing);
-        put_down(pile, a, i, pile->sharpness * rate * dt, touching[a]);
+        draw[a] = draw_of(pile->sharpness * rate * dt, touching[a]);
     }
     const Reals per_thickness = dt / (whole * pile->unit);
     for (int a = 0; a < N; a++) {
         Reals struck = all(0.0);
         for (int b = 0; b < N; b++)
             struck += (pile->mu[b][a] + pile->gamma[b][a] * push[b]) * exposed[b];
-        put_down(pile, N + a, i, pile->amplification * struck * per_thickness, layer[a]);
+        draw[N + a] = draw_of(pile->amplification * struck * per_thickness, layer[a]);
     }
+    put_down(pile->none + DRAWS * i, draw[0].none, draw[1].none, draw[2].none, draw[3].none);
+    put_down(pile->chance + DRAWS * i, draw[0].chance, draw[1].chance, draw[2].chance,
+             draw[3].chance);
     return 1;
 }
 
 /* ---- grains, column by column ---- */
 
-INLINE int64_t bury(Pile *pile, int64_t i, const int N) {
+INLINE int64_t bury(Pile *pile, int64_t i) {
     int64_t count = 0;
     int b = 0;
     for (int a = 0; a < N; a++) count += pile->layer[a][i];
@@ -213,9 +238,9 @@ INLINE int64_t bury(Pile *pile, int64_t i, const int N) {
     return pile->tall[b];
 }
 
-INLINE int64_t lay(Pile *pile, int64_t i, int a, int64_t grains, int64_t held, const int N) {
+INLINE int64_t lay(Pile *pile, int64_t i, int a, int64_t grains, int64_t held) {
     for (int64_t k = 0; k < grains; k++) {
-        while (held > 0 && held + pile->tall[a] > pile->depth) held -= bury(pile, i, N);
+        while (held > 0 && held + pile->tall[a] > pile->depth) held -= bury(pile, i);
         pile->layer[a][i]++;
         held += pile->tall[a];
     }
@@ -223,35 +248,68 @@ INLINE int64_t lay(Pile *pile, int64_t i, int a, int64_t grains, int64_t held, c
     return held;
 }
 
-INLINE int64_t held_in(const Pile *pile, int64_t i, const int N) {
+INLINE int64_t held_in(const Pile *pile, int64_t i) {
     int64_t held = 0;
     for (int a = 0; a < N; a++) held += pile->layer[a][i] * pile->tall[a];
     return held;
 }
 
-INLINE int64_t drawn(Pile *pile, int draw, int64_t i, int64_t n) {
-    const double none = pile->none[draw][i];
-    if (none == NO_DRAW) return 0;
-    if (none == UNCOMMON) return uncommon(&pile->random, n, pile->chance[draw][i]);
-    const double left = real_of(mixed(pile->random += GOLDEN));
-    return left < none ? 0 : inverted(left, none, n, pile->chance[draw][i]);
+typedef double FourReals __attribute__((vector_size(32)));
+typedef int64_t FourWholes __attribute__((vector_size(32)));
+
+/* How many of n = (draw,) in each draw of column i, in place. */
+INLINE void draw_all(Pile *pile, int64_t i, int64_t *n) {
+    const __m256d none = _mm256_loadu_pd(pile->none + DRAWS * i);
+    const double *chance = pile->chance + DRAWS * i;
+    if (_mm256_movemask_pd(none)) { /* some are UNCOMMON, the only negative ones */
+        for (int draw = 0; draw < DRAWS; draw++) {
+            const double weight = pile->none[DRAWS * i + draw];
+            if (weight == NO_DRAW)
+                n[draw] = 0;
+            else if (weight == UNCOMMON)
+                n[draw] = uncommon(&pile->random, n[draw], chance[draw]);
+            else
+                n[draw] = inverted(real_of(mixed(pile->random += GOLDEN)), weight, n[draw], chance[draw]);
+        }
+        return;
+    }
+    const __mmask8 drawn = _mm256_cmp_pd_mask(none, _mm256_set1_pd(1.0), _CMP_LE_OQ);
+    const __m256i words = {(int64_t)GOLDEN, (int64_t)(2 * GOLDEN), (int64_t)(3 * GOLDEN), (int64_t)(4 * GOLDEN)};
+    const __m256i ahead = _mm256_maskz_expand_epi64(drawn, words);
+    FourWholes bits = (FourWholes)ahead + (int64_t)pile->random;
+    FourReals left, weight = (FourReals)none;
+    for (int draw = 0; draw < DRAWS; draw++) left[draw] = real_of(mixed((uint64_t)bits[draw]));
+    const FourReals p = (FourReals)_mm256_loadu_pd(chance), odds = p / (1.0 - p);
+    const FourReals most = __builtin_convertvector((FourWholes)_mm256_loadu_si256((void *)n), FourReals);
+    FourReals k = {0.0};
+    for (__mmask8 on;
+         (on = _mm256_mask_cmp_pd_mask(_mm256_mask_cmp_pd_mask(drawn, (__m256d)left, (__m256d)weight, _CMP_GE_OQ), (__m256d)k, (__m256d)most, _CMP_LT_OQ));) {
+        left = (FourReals)_mm256_mask_sub_pd((__m256d)left, on, (__m256d)left, (__m256d)weight);
+        k = (FourReals)_mm256_mask_add_pd((__m256d)k, on, (__m256d)k, _mm256_set1_pd(1.0));
+        const FourReals factor = odds * (most - k + 1.0) / k;
+        weight = (FourReals)_mm256_mask_mul_pd((__m256d)weight, on, (__m256d)weight, (__m256d)factor);
+    }
+    _mm256_storeu_si256((void *)n, _mm256_cvtpd_epi64((__m256d)k));
+    pile->random += GOLDEN * (uint64_t)__builtin_popcount(drawn);
 }
 
-INLINE void move_grains(Pile *pile, int64_t i, const int N) {
-    int64_t captured[N], left = pile->contacts;
+INLINE void move_grains(Pile *pile, int64_t i) {
+    int64_t n[DRAWS], left = pile->contacts;
     for (int a = 0; a < N; a++) {
-        const int64_t rolls = pile->rolling[a][i], touching = rolls < left ? rolls : left;
-        left -= touching;
-        captured[a] = drawn(pile, a, i, touching);
+        const int64_t rolls = pile->rolling[a][i];
+        n[a] = rolls < left ? rolls : left;
+        left -= n[a];
+        n[N + a] = pile->layer[a][i];
     }
+    draw_all(pile, i, n);
     for (int a = 0; a < N; a++) {
-        const int64_t loosened = drawn(pile, N + a, i, pile->layer[a][i]);
+        const int64_t loosened = n[N + a];
         pile->layer[a][i] -= loosened;
         pile->height[i] -= loosened * pile->tall[a];
-        pile->rolling[a][i] += loosened - captured[a];
+        pile->rolling[a][i] += loosened - n[a];
     }
-    int64_t held = held_in(pile, i, N);
-    for (int a = 0; a < N; a++) held = lay(pile, i, a, captured[a], held, N);
+    int64_t held = held_in(pile, i);
+    for (int a = 0; a < N; a++) held = lay(pile, i, a, n[a], held);
     while (pile->grains[i] && (!held || held + pile->tallest <= pile->depth)) {
         const int b = pile->stack[i * pile->places + --pile->grains[i]];
         pile->layer[b][i]++;
@@ -259,46 +317,58 @@ INLINE void move_grains(Pile *pile, int64_t i, const int N) {
     }
 }
 
-/* Whether any of the draws of column i, whose words follow `random`, moves a grain. */
-INLINE int moves(const Pile *pile, int64_t i, uint64_t *random, const int N) {
-    int moved = 0;
-    for (int draw = 0; draw < 2 * N; draw++) {
-        const double none = pile->none[draw][i];
-        const uint64_t next = *random + GOLDEN;
-        moved |= real_of(mixed(next)) >= none;
-        *random = none == NO_DRAW ? *random : next;
+/* Move grains in columns from i on, up to the next one in which any moves; the column after it. */
+INLINE int64_t move_in_turn(Pile *pile, int64_t i) {
+    const __m512i ahead = {(int64_t)GOLDEN, (int64_t)(2 * GOLDEN), (int64_t)(3 * GOLDEN),
+                           (int64_t)(4 * GOLDEN), (int64_t)(5 * GOLDEN), (int64_t)(6 * GOLDEN),
+                           (int64_t)(7 * GOLDEN), (int64_t)(8 * GOLDEN)};
+    const Reals none = (Reals)_mm512_loadu_pd(pile->none + DRAWS * i);
+    const __mmask8 drawn = _mm512_cmp_pd_mask((__m512d)none, _mm512_set1_pd(1.0), _CMP_LE_OQ);
+    __m512i bits = _mm512_maskz_expand_epi64(drawn, ahead);
+    bits = _mm512_add_epi64(bits, _mm512_set1_epi64((int64_t)pile->random));
+    bits = _mm512_xor_si512(bits, _mm512_srli_epi64(bits, 30));
+    bits = _mm512_mullo_epi64(bits, _mm512_set1_epi64((int64_t)0xBF58476D1CE4E5B9u));
+    bits = _mm512_xor_si512(bits, _mm512_srli_epi64(bits, 27));
+    bits = _mm512_mullo_epi64(bits, _mm512_set1_epi64((int64_t)0x94D049BB133111EBu));
+    bits = _mm512_xor_si512(bits, _mm512_srli_epi64(bits, 31));
+    const Reals words = reals((Wholes)_mm512_srli_epi64(bits, 11)) * 0x1p-53;
+    const __mmask8 moves = _mm512_mask_cmp_pd_mask(drawn, (__m512d)words, (__m512d)none, _CMP_GE_OQ);
+    if (!moves) {
+        pile->random += GOLDEN * (uint64_t)__builtin_popcount(drawn);
+        return i + 2;
     }
-    return moved;
+    if (moves & 0xF) {
+        move_grains(pile, i);
+        return i + 1;
+    }
+    pile->random += GOLDEN * (uint64_t)__builtin_popcount(drawn & 0xF);
+    move_grains(pile, i + 1);
+    return i + 2;
 }
 
-INLINE int64_t exchange(Pile *pile, double dt, int64_t left, const int N) {
+INLINE int64_t exchange(Pile *pile, double dt, int64_t left) {
     const int64_t wall = pile->columns - 1;
-    int64_t exchanges = 0;
+    int64_t exchanges = 0, end = 0;
     pile->height[-1] = 2 * pile->height[0] - pile->height[1];
-    uint8_t rolls[wall / LANES + 1];
-    for (int64_t i = 0; i < wall; i += LANES) rolls[i / LANES] = (uint8_t)find_chances(pile, i, dt, N);
-    for (int64_t from = 0; from < wall; from += LANES) {
-        if (!rolls[from / LANES]) continue;
-        const int64_t to = from + LANES < wall ? from + LANES : wall;
-        exchanges += to - from;
-        for (int64_t i = from; i < to; i++) {
-            uint64_t random = pile->random;
-            if (moves(pile, i, &random, N))
-                move_grains(pile, i, N);
-            else
-                pile->random = random;
+    for (int64_t i = 0; i < wall; i += LANES) {
+        if (find_chances(pile, i, dt)) {
+            exchanges += LANES;
+            end = i + LANES;
         }
     }
-    int64_t held = held_in(pile, wall, N);
+    if (end > wall) end = wall;
+    for (int draw = 0; draw < DRAWS; draw++) pile->none[DRAWS * end + draw] = NO_DRAW;
+    for (int64_t i = 0; i < end;) i = move_in_turn(pile, i);
+    int64_t held = held_in(pile, wall);
     for (int a = 0; a < N; a++) {
         const int64_t captured = pile->rolling[a][wall] / left;
         pile->rolling[a][wall] -= captured;
-        held = lay(pile, wall, a, captured, held, N);
+        held = lay(pile, wall, a, captured, held);
     }
     return exchanges;
 }
 
-INLINE int64_t substeps_of(const Pile *pile, const Job *job, const int N) {
+INLINE int64_t substeps_of(const Pile *pile, const Job *job) {
     double busiest = 0.0;
     for (int64_t i = 0; i < pile->columns; i++) {
         double busy = 0.0;
@@ -315,21 +385,21 @@ INLINE int64_t substeps_of(const Pile *pile, const Job *job, const int N) {
     return substeps > 1.0 ? (int64_t)substeps : 1;
 }
 
-INLINE void advance(Job *job, Pile *pile, const int N) {
+INLINE void advance(Job *job, Pile *pile) {
     for (int64_t step = 0; step < job->steps; step++) {
         for (int a = 0; a < N; a++) {
             int64_t *rolling = pile->rolling[a];
             memmove(rolling + 1, rolling, (size_t)(pile->columns - 1) * sizeof *rolling);
             rolling[0] = job->arrivals[step * N + a];
         }
-        const int64_t substeps = substeps_of(pile, job, N);
+        const int64_t substeps = substeps_of(pile, job);
         const double dt = job->step / (double)substeps;
-        for (int64_t k = 0; k < substeps; k++) job->exchanges += exchange(pile, dt, substeps - k, N);
+        for (int64_t k = 0; k < substeps; k++) job->exchanges += exchange(pile, dt, substeps - k);
     }
 }
 
 static Pile taken_in(const Job *job, int64_t *wholes, double *reals) {
-    const int64_t columns = job->columns, row = columns + 2 * LANES, N = job->ranks;
+    const int64_t columns = job->columns, row = columns + 2 * LANES;
     Pile pile = {
         .columns = columns, .places = job->places, .contacts = job->contacts, .depth = job->depth,
         .smoothing = job->smoothing, .curvature = job->curvature_length / job->width,
@@ -354,10 +424,8 @@ static Pile taken_in(const Job *job, int64_t *wholes, double *reals) {
             pile.mu[a][b] = job->cross_amplification[a * N + b];
         }
     }
-    for (int draw = 0; draw < 2 * N; draw++) {
-        pile.chance[draw] = reals + 2 * draw * row;
-        pile.none[draw] = reals + (2 * draw + 1) * row;
-    }
+    pile.chance = reals;
+    pile.none = reals + DRAWS * row;
     return pile;
 }
 
@@ -365,28 +433,22 @@ static void give_back(const Pile *pile, Job *job) {
     const size_t row = (size_t)pile->columns;
     memcpy(job->height, pile->height, row * 8);
     memcpy(job->grains, pile->grains, row * 8);
-    for (int64_t a = 0; a < job->ranks; a++) {
+    for (int a = 0; a < N; a++) {
         memcpy(job->rolling + a * pile->columns, pile->rolling[a], row * 8);
         memcpy(job->layer + a * pile->columns, pile->layer[a], row * 8);
     }
     *job->random = pile->random;
 }
 
-/* Take the steps of `job`; 0, or 1 where there is no memory, or are more ranks, for it. Stacks must
- * have places for all that comes to rest. */
+/* Take the steps of `job`; 0, or 1 where there is no memory for it. Stacks must have places for all
+ * that comes to rest. */
 int advance_rates(Job *job) {
-    if (job->ranks > MOST_RANKS) return 1;
-    const size_t row = (size_t)job->columns + 2 * LANES, ranks = (size_t)job->ranks;
-    int64_t *wholes = calloc((2 + 2 * ranks) * row, sizeof *wholes);
-    double *reals = calloc(4 * ranks * row, sizeof *reals);
+    const size_t row = (size_t)job->columns + 2 * LANES;
+    int64_t *wholes = calloc((2 + 2 * N) * row, sizeof *wholes);
+    double *reals = calloc(2 * DRAWS * row, sizeof *reals);
     if (!wholes || !reals) return 1;
     Pile pile = taken_in(job, wholes, reals);
-    switch (job->ranks) {
-        case 1: advance(job, &pile, 1); break;
-        case 2: advance(job, &pile, 2); break;
-        case 3: advance(job, &pile, 3); break;
-        default: advance(job, &pile, 4);
-    }
+    advance(job, &pile);
     give_back(&pile, job);
     free(wholes);
     free(reals);
