@@ -124,25 +124,15 @@ def _power(base: float, exponent: int) -> float:
 
 
 @inlined
-def find_none(
-    n: Ints, chance: Floats, none: Floats, power: Floats, columns: tuple[Whole, Whole]
-) -> None:
-    """Put down for each of `columns` how likely none of its n happens, or NEVER or OTHERWISE."""
-    most = 0
-    for i in range(*columns):
-        most = max(most, n[i])
-        none[i] = 1.0
-        power[i] = 1.0 - chance[i]
-    bit = 1
-    while bit <= most:
-        for i in range(*columns):
-            none[i] *= power[i] if n[i] & bit else 1.0
-            power[i] *= power[i]
-        bit <<= 1
-    for i in range(*columns):
-        common = (chance[i] <= 0.5) & (n[i] * chance[i] <= MOST_AT_ONCE)
-        none[i] = none[i] if common else OTHERWISE
-        none[i] = none[i] if (n[i] > 0) & (chance[i] > 0.0) else NEVER
+def powers_of_none(n: int, chance: float) -> tuple[float, float]:
+    """What to begin with, and what to multiply it with n times, to find how likely none of n is.
+
+    It leads to NEVER or OTHERWISE where these hold.
+    """
+    common = (chance <= 0.5) & (n * chance <= MOST_AT_ONCE)
+    begin = 1.0 if common else OTHERWISE
+    begin = begin if (n > 0) & (chance > 0.0) else NEVER
+    return begin, 1.0 - chance if begin == 1.0 else 1.0
 
 
 @inlined

@@ -9,10 +9,11 @@ layer, R_b that of the grains in contact. Columns go through these loops in vect
 columns are unsigned, so that no index of one can count from the end of an array.
 """
 
-from ca_model.draws import chance_within, find_none
+from ca_model.draws import chance_within, powers_of_none
 from ca_model.kernel.bits import Whole, Word
 from ca_model.kernel.compiled import inlined
 from ca_model.rates.state import RIGHT, Draws, Exchange, FlowingPile
+from experiment.arrays import Floats, Ints
 from experiment.law import amplification_rates, capture_rates, repose_slopes
 from experiment.species import Values, put
 
@@ -49,7 +50,24 @@ def find_chances(
             expected = rule.amplification * struck[a] * (dt / thickness)
             draws.chance[ranks + a, i] = chance_within(expected)
     for draw in range(2 * ranks):
-        find_none(draws.grains[draw], draws.chance[draw], draws.none[draw], draws.power, reach)
+        _find_none(draws.grains[draw], draws.chance[draw], draws.none[draw], draws.power, reach)
+
+
+@inlined
+def _find_none(
+    grains: Ints, chance: Floats, none: Floats, power: Floats, reach: tuple[Whole, Whole]
+) -> None:
+    """Put down how likely none of so many `grains` is drawn."""
+    most = 0
+    for i in range(*reach):
+        most = max(most, grains[i])
+        none[i], power[i] = powers_of_none(grains[i], chance[i])
+    bit = 1
+    while bit <= most:
+        for i in range(*reach):
+            none[i] *= power[i] if grains[i] & bit else 1.0
+            power[i] *= power[i]
+        bit <<= 1
 
 
 @inlined

@@ -56,7 +56,7 @@ class Draws(NamedTuple):
     grains: Ints  # (draw, column) n, of which some are drawn
     chance: Floats  # (draw, column) p, that of each
     none: Floats  # (draw, column) (1 - p)^n, that of none, or NEVER or OTHERWISE
-    power: Floats  # (column,) of 1 - p
+    power: Floats  # (column,) 1 - p, squared again and again
 
 
 def bare_draws(ranks: int, columns: int) -> Draws:
