@@ -136,16 +136,17 @@ def powers_of_none(n: int, chance: float) -> tuple[float, float]:
 
 
 @inlined
-def some_happen(random: RandomState, none: Floats, i: Whole) -> bool:
-    """Whether any draw of column i is not of none; if so, their words are yet to be drawn."""
-    state, some = random[0], False
+def tried(state: np.uint64, none: Floats, i: Whole) -> tuple[np.uint64, bool]:
+    """The state after the words of column i, and whether any of its draws is not of none.
+
+    If so, they are yet to be drawn, from the state before.
+    """
+    some = False
     for draw in range(none.shape[0]):
         following = state + GOLDEN
         some |= _share(_mixed(following)) >= none[draw, i]
         state = following if none[draw, i] != NEVER else state
-    if not some:
-        random[0] = state
-    return some
+    return state, some
 
 
 @inlined

@@ -60,8 +60,8 @@ def _find_none(
     """Put down how likely none of so many `grains` is drawn."""
     most = 0
     for i in range(*reach):
-        most = max(most, grains[i])
         none[i], power[i] = powers_of_none(grains[i], chance[i])
+        most = max(most, grains[i] if none[i] == 1.0 else 0)
     bit = 1
     while bit <= most:
         for i in range(*reach):

@@ -10,7 +10,7 @@ import math
 
 from numba import njit
 
-from ca_model.draws import binomial_from, pick, some_happen
+from ca_model.draws import binomial_from, pick, tried
 from ca_model.kernel.bits import Whole, Word
 from ca_model.kernel.compiled import UNCOUNTED, inlined
 from ca_model.rates.chances import ONE, find_chances, surface, touching
@@ -156,11 +156,16 @@ def _exchange(
     pile: FlowingPile, rule: Exchange, draws: Draws, side: int, reach: tuple[Whole, Whole]
 ) -> None:
     """Capture from the flow of one side, and set rolling what it strikes, along the flow."""
-    begin, end = reach
+    (begin, end), state = reach, pile.random[0]
     for k in range(end - begin):
         i = begin + k if side == RIGHT else end - ONE - k
-        if some_happen(pile.random, draws.none, i):
+        after, some = tried(state, draws.none, i)
+        if some:
+            pile.random[0] = state
             _move_grains(pile, rule, draws, side, i)
+            after = pile.random[0]
+        state = after
+    pile.random[0] = state
 
 
 @inlined
