@@ -33,8 +33,8 @@ typedef int64_t Wholes __attribute__((vector_size(64)));
 
 typedef struct {
     int64_t columns, places, steps;
-    int64_t *height;  /* (column,) */
-    int64_t *rolling; /* (rank, column) */
+    int64_t *height;  /* (1 + column + 1,) */
+    int64_t *rolling; /* (rank, 1 + column + 1) */
     int64_t *layer;   /* (rank, column) */
     int64_t *grains;  /* (column,) in the stack */
     int8_t *stack;    /* (column, place) */
@@ -408,12 +408,12 @@ static Pile taken_in(const Job *job, int64_t *wholes, double *reals) {
         .height = wholes + LANES, .grains = wholes + row, .stack = job->stack,
         .random = *job->random,
     };
-    memcpy(pile.height, job->height, (size_t)columns * 8);
+    memcpy(pile.height, job->height + 1, (size_t)columns * 8);
     memcpy(pile.grains, job->grains, (size_t)columns * 8);
     for (int a = 0; a < N; a++) {
         pile.rolling[a] = wholes + (2 + a) * row;
         pile.layer[a] = wholes + (2 + N + a) * row;
-        memcpy(pile.rolling[a], job->rolling + a * columns, (size_t)columns * 8);
+        memcpy(pile.rolling[a], job->rolling + a * (columns + 2) + 1, (size_t)columns * 8);
         memcpy(pile.layer[a], job->layer + a * columns, (size_t)columns * 8);
         pile.tall[a] = job->grain_height[a];
         pile.tallest = pile.tall[a] > pile.tallest ? pile.tall[a] : pile.tallest;
@@ -431,10 +431,10 @@ static Pile taken_in(const Job *job, int64_t *wholes, double *reals) {
 
 static void give_back(const Pile *pile, Job *job) {
     const size_t row = (size_t)pile->columns;
-    memcpy(job->height, pile->height, row * 8);
+    memcpy(job->height + 1, pile->height, row * 8);
     memcpy(job->grains, pile->grains, row * 8);
     for (int a = 0; a < N; a++) {
-        memcpy(job->rolling + a * pile->columns, pile->rolling[a], row * 8);
+        memcpy(job->rolling + a * (pile->columns + 2) + 1, pile->rolling[a], row * 8);
         memcpy(job->layer + a * pile->columns, pile->layer[a], row * 8);
     }
     *job->random = pile->random;

@@ -18,7 +18,7 @@ from experiment.arrays import Floats, Ints
 from experiment.pouring.slabs import Slab, Slabs
 from experiment.pouring.state import State, arrays_of, put_back
 
-__all__ = ["RatePile"]
+__all__ = ["RatePile", "bare_pile", "ranked"]
 
 FIRST_PLACES = 64
 
@@ -38,8 +38,8 @@ class RatePile:
         self._slabs = slabs
         self._species = rule.smallest_first  # (rank,)
         self._ranks = np.argsort(self._species)  # (species,)
-        self._rule = _ranked(rule)
-        self._pile = _bare_pile(self._rule, ground, random)
+        self._rule = ranked(rule)
+        self._pile = bare_pile(self._rule, ground, random)
         self._draws = bare_draws(len(self._species), len(ground.height))
         self._bottom = ground.height.copy()  # (column,) u; of what is in memory
         self._most_places = np.array([most_places or _places_of_relief(rule, ground)])
@@ -178,17 +178,17 @@ class RatePile:
         return self._pile.at_rest.take(self._ranks)
 
 
-def _ranked(rule: RateRule) -> Exchange:
+def ranked(rule: RateRule) -> Exchange:
     """The rule as the kernel takes it."""
     species = [int(a) for a in rule.smallest_first]
 
-    def ranked(matrix: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+    def in_order(matrix: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
         return tuple(tuple(matrix[a][b] for b in species) for a in species)
 
     law = rule.law._replace(
-        repose_slope=ranked(rule.law.repose_slope),
-        collision_rate=ranked(rule.law.collision_rate),
-        cross_amplification=ranked(rule.law.cross_amplification),
+        repose_slope=in_order(rule.law.repose_slope),
+        collision_rate=in_order(rule.law.collision_rate),
+        cross_amplification=in_order(rule.law.cross_amplification),
     )
     return Exchange(
         law=law,
@@ -206,7 +206,7 @@ def _ranked(rule: RateRule) -> Exchange:
     )
 
 
-def _bare_pile(rule: Exchange, ground: Ground, random: RandomState) -> FlowingPile:
+def bare_pile(rule: Exchange, ground: Ground, random: RandomState) -> FlowingPile:
     """The ground before pouring: nothing rolls, no grain rests."""
     columns, ranks = len(ground.height), len(rule.grain_height)
     lips = (0, 0) if ground.lips is None else ground.lips
