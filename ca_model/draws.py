@@ -136,13 +136,13 @@ def powers_of_none(n: int, chance: float) -> tuple[float, float]:
 
 
 @inlined
-def tried(state: np.uint64, none: Floats, i: Whole) -> tuple[np.uint64, bool]:
+def tried(state: np.uint64, none: Floats, draws: int, i: Whole) -> tuple[np.uint64, bool]:
     """The state after the words of column i, and whether any of its draws is not of none.
 
     If so, they are yet to be drawn, from the state before.
     """
     some = False
-    for draw in range(none.shape[0]):
+    for draw in range(draws):
         following = state + GOLDEN
         some |= _share(_mixed(following)) >= none[draw, i]
         state = following if none[draw, i] != NEVER else state

@@ -9,7 +9,7 @@ layer, R_b that of the grains in contact. Columns go through these loops in vect
 columns are unsigned, so that no index of one can count from the end of an array.
 """
 
-from ca_model.draws import chance_within, powers_of_none
+from ca_model.draws import NEVER, chance_within, powers_of_none
 from ca_model.kernel.bits import Whole, Word
 from ca_model.kernel.compiled import inlined
 from ca_model.rates.state import RIGHT, Draws, Exchange, FlowingPile
@@ -20,6 +20,7 @@ from experiment.species import Values, put
 __all__ = ["find_chances", "surface", "touching"]
 
 ONE, TWO = Word(1), Word(2)
+BLOCK = Word(256)  # columns, which stay in the innermost cache
 
 
 @inlined
@@ -33,8 +34,28 @@ def find_chances(
     dt: float,
 ) -> None:
     """Put down the draws of the columns `reach`, from one to before the other, of a side's flow."""
+    begin, end = reach
+    while begin < end:
+        block = begin, min(begin + BLOCK, end)
+        _find_expected(pile, rule, draws, side, source, block, dt)
+        for draw in range(2 * len(rule.grain_height)):
+            _find_none(draws.grains[draw], draws.chance[draw], draws.none[draw], draws.power, block)
+        begin += BLOCK
+
+
+@inlined
+def _find_expected(
+    pile: FlowingPile,
+    rule: Exchange,
+    draws: Draws,
+    side: int,
+    source: int,
+    block: tuple[Whole, Whole],
+    dt: float,
+) -> None:
+    """Put down how often each of how many grains would be captured or set rolling."""
     ranks = len(rule.grain_height)
-    for i in range(*reach):
+    for i in range(*block):
         slope = _slope(pile, rule, side, source, i)
         phi, thickness = surface(pile, rule, i)
         theta = repose_slopes(phi, rule.law)
@@ -45,26 +66,29 @@ def find_chances(
         struck = amplification_rates(theta, slope, exposed, rule.law)
         for a in range(ranks):
             draws.grains[a, i] = touch[a]
-            draws.chance[a, i] = chance_within(rule.sharpness * capture[a] * dt)
+            draws.chance[a, i] = rule.sharpness * capture[a] * dt
             draws.grains[ranks + a, i] = pile.layer[a, i]
-            expected = rule.amplification * struck[a] * (dt / thickness)
-            draws.chance[ranks + a, i] = chance_within(expected)
-    for draw in range(2 * ranks):
-        _find_none(draws.grains[draw], draws.chance[draw], draws.none[draw], draws.power, reach)
+            draws.chance[ranks + a, i] = rule.amplification * struck[a] * (dt / thickness)
 
 
 @inlined
 def _find_none(
-    grains: Ints, chance: Floats, none: Floats, power: Floats, reach: tuple[Whole, Whole]
+    grains: Ints, chance: Floats, none: Floats, power: Floats, block: tuple[Whole, Whole]
 ) -> None:
-    """Put down how likely none of so many `grains` is drawn."""
-    most = 0
-    for i in range(*reach):
+    """Put down how likely what is expected so often is, and that it happens to none."""
+    some, most = 0, 0
+    for i in range(*block):
+        some += (grains[i] > 0) & (chance[i] > 0.0)
+        none[i] = NEVER
+    if some == 0:
+        return
+    for i in range(*block):
+        chance[i] = chance_within(chance[i])
         none[i], power[i] = powers_of_none(grains[i], chance[i])
         most = max(most, grains[i] if none[i] == 1.0 else 0)
     bit = 1
     while bit <= most:
-        for i in range(*reach):
+        for i in range(*block):
             none[i] *= power[i] if grains[i] & bit else 1.0
             power[i] *= power[i]
         bit <<= 1

@@ -159,7 +159,7 @@ def _exchange(
     (begin, end), state = reach, pile.random[0]
     for k in range(end - begin):
         i = begin + k if side == RIGHT else end - ONE - k
-        after, some = tried(state, draws.none, i)
+        after, some = tried(state, draws.none, 2 * len(rule.grain_height), i)
         if some:
             pile.random[0] = state
             _move_grains(pile, rule, draws, side, i)
