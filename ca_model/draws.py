@@ -143,9 +143,9 @@ def tried(state: np.uint64, none: Floats, draws: int, i: Whole) -> tuple[np.uint
     """
     some = False
     for draw in range(draws):
-        following = state + GOLDEN
-        some |= _share(_mixed(following)) >= none[draw, i]
-        state = following if none[draw, i] != NEVER else state
+        if none[draw, i] != NEVER:
+            state += GOLDEN
+            some |= _share(_mixed(state)) >= none[draw, i]
     return state, some
 
 

@@ -20,6 +20,7 @@ from experiment.species import Values, put
 __all__ = ["find_chances", "surface", "touching"]
 
 ONE, TWO = Word(1), Word(2)
+LANES = Word(8)  # whole registers of them are found sooner than a few columns less
 BLOCK = Word(256)  # columns, which stay in the innermost cache
 
 
@@ -34,7 +35,8 @@ def find_chances(
     dt: float,
 ) -> None:
     """Put down the draws of the columns `reach`, from one to before the other, of a side's flow."""
-    begin, end = reach
+    begin = reach[0] // LANES * LANES
+    end = min((reach[1] + LANES - ONE) // LANES * LANES, Word(pile.grains.size))
     while begin < end:
         block = begin, min(begin + BLOCK, end)
         _find_expected(pile, rule, draws, side, source, block, dt)
