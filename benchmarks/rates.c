@@ -30,6 +30,8 @@
 
 typedef double Reals __attribute__((vector_size(64)));
 typedef int64_t Wholes __attribute__((vector_size(64)));
+typedef double FourReals __attribute__((vector_size(32)));
+typedef int64_t FourWholes __attribute__((vector_size(32)));
 
 typedef struct {
     int64_t columns, places, steps;
@@ -68,6 +70,12 @@ INLINE uint64_t mixed(uint64_t bits) {
 }
 
 INLINE double real_of(uint64_t bits) { return (double)(int64_t)(bits >> 11) * 0x1p-53; }
+
+/* What the states of the next eight words are ahead of this one's. */
+INLINE __m512i words_ahead(void) {
+    const __m512i numbers = _mm512_setr_epi64(1, 2, 3, 4, 5, 6, 7, 8);
+    return _mm512_mullo_epi64(numbers, _mm512_set1_epi64((int64_t)GOLDEN));
+}
 
 INLINE double power(double base, int64_t exponent) {
     double power = 1.0;
@@ -154,7 +162,8 @@ INLINE Draw draw_of(Reals expected, Wholes n) {
         Reals base = 1.0 - draw.chance, power = all(1.0);
         for (int64_t bit = 1; bit <= largest; bit <<= 1, base *= base)
             power = choose((n & bit) != 0, power * base, power);
-        draw.none = choose(drawn & (draw.chance > 0.0), choose(common, power, all(UNCOMMON)), draw.none);
+        const Reals none = choose(common, power, all(UNCOMMON));
+        draw.none = choose(drawn & (draw.chance > 0.0), none, draw.none);
     }
     return draw;
 }
@@ -254,9 +263,6 @@ INLINE int64_t held_in(const Pile *pile, int64_t i) {
     return held;
 }
 
-typedef double FourReals __attribute__((vector_size(32)));
-typedef int64_t FourWholes __attribute__((vector_size(32)));
-
 /* How many of n = (draw,) in each draw of column i, in place. */
 INLINE void draw_all(Pile *pile, int64_t i, int64_t *n) {
     const __m256d none = _mm256_loadu_pd(pile->none + DRAWS * i);
@@ -269,21 +275,23 @@ INLINE void draw_all(Pile *pile, int64_t i, int64_t *n) {
             else if (weight == UNCOMMON)
                 n[draw] = uncommon(&pile->random, n[draw], chance[draw]);
             else
-                n[draw] = inverted(real_of(mixed(pile->random += GOLDEN)), weight, n[draw], chance[draw]);
+                n[draw] = inverted(real_of(mixed(pile->random += GOLDEN)), weight, n[draw],
+                                   chance[draw]);
         }
         return;
     }
     const __mmask8 drawn = _mm256_cmp_pd_mask(none, _mm256_set1_pd(1.0), _CMP_LE_OQ);
-    const __m256i words = {(int64_t)GOLDEN, (int64_t)(2 * GOLDEN), (int64_t)(3 * GOLDEN), (int64_t)(4 * GOLDEN)};
-    const __m256i ahead = _mm256_maskz_expand_epi64(drawn, words);
+    const __m256i ahead = _mm256_maskz_expand_epi64(drawn, _mm512_castsi512_si256(words_ahead()));
     FourWholes bits = (FourWholes)ahead + (int64_t)pile->random;
     FourReals left, weight = (FourReals)none;
     for (int draw = 0; draw < DRAWS; draw++) left[draw] = real_of(mixed((uint64_t)bits[draw]));
     const FourReals p = (FourReals)_mm256_loadu_pd(chance), odds = p / (1.0 - p);
-    const FourReals most = __builtin_convertvector((FourWholes)_mm256_loadu_si256((void *)n), FourReals);
+    const FourReals most = (FourReals)_mm256_cvtepi64_pd(_mm256_loadu_si256((void *)n));
     FourReals k = {0.0};
-    for (__mmask8 on;
-         (on = _mm256_mask_cmp_pd_mask(_mm256_mask_cmp_pd_mask(drawn, (__m256d)left, (__m256d)weight, _CMP_GE_OQ), (__m256d)k, (__m256d)most, _CMP_LT_OQ));) {
+    for (;;) {
+        __mmask8 on = _mm256_mask_cmp_pd_mask(drawn, (__m256d)left, (__m256d)weight, _CMP_GE_OQ);
+        on = _mm256_mask_cmp_pd_mask(on, (__m256d)k, (__m256d)most, _CMP_LT_OQ);
+        if (!on) break;
         left = (FourReals)_mm256_mask_sub_pd((__m256d)left, on, (__m256d)left, (__m256d)weight);
         k = (FourReals)_mm256_mask_add_pd((__m256d)k, on, (__m256d)k, _mm256_set1_pd(1.0));
         const FourReals factor = odds * (most - k + 1.0) / k;
@@ -319,12 +327,9 @@ INLINE void move_grains(Pile *pile, int64_t i) {
 
 /* Move grains in columns from i on, up to the next one in which any moves; the column after it. */
 INLINE int64_t move_in_turn(Pile *pile, int64_t i) {
-    const __m512i ahead = {(int64_t)GOLDEN, (int64_t)(2 * GOLDEN), (int64_t)(3 * GOLDEN),
-                           (int64_t)(4 * GOLDEN), (int64_t)(5 * GOLDEN), (int64_t)(6 * GOLDEN),
-                           (int64_t)(7 * GOLDEN), (int64_t)(8 * GOLDEN)};
     const Reals none = (Reals)_mm512_loadu_pd(pile->none + DRAWS * i);
     const __mmask8 drawn = _mm512_cmp_pd_mask((__m512d)none, _mm512_set1_pd(1.0), _CMP_LE_OQ);
-    __m512i bits = _mm512_maskz_expand_epi64(drawn, ahead);
+    __m512i bits = _mm512_maskz_expand_epi64(drawn, words_ahead());
     bits = _mm512_add_epi64(bits, _mm512_set1_epi64((int64_t)pile->random));
     bits = _mm512_xor_si512(bits, _mm512_srli_epi64(bits, 30));
     bits = _mm512_mullo_epi64(bits, _mm512_set1_epi64((int64_t)0xBF58476D1CE4E5B9u));

@@ -15,7 +15,17 @@ from ca_model.kernel.bits import Whole
 from ca_model.kernel.compiled import inlined
 from experiment.arrays import Floats, Ints
 
-__all__ = ["RandomState", "binomial", "chance_within", "pick", "random_state"]
+__all__ = [
+    "NEVER",
+    "RandomState",
+    "binomial",
+    "binomial_from",
+    "chance_within",
+    "pick",
+    "powers_of_none",
+    "random_state",
+    "tried",
+]
 
 RandomState = NDArray[np.uint64]  # (1,) of SplitMix64, advanced in place by every draw
 

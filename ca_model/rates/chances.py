@@ -106,7 +106,8 @@ def _slope(pile: FlowingPile, rule: Exchange, side: int, source: int, i: Whole) 
     bend = pile.height[uphill] - pile.height[i + ONE] - theta
     bend = 0 if (i == end) | (i == first) else bend
     curvature = rule.law.curvature_length / rule.width
-    return (theta - curvature * bend) * (rule.unit / rule.width)
+    slope: float = (theta - curvature * bend) * (rule.unit / rule.width)
+    return slope
 
 
 @inlined

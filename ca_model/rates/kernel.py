@@ -181,9 +181,7 @@ def _fill_against_the_wall(pile: FlowingPile, rule: Exchange, side: int, left: i
 
 
 @inlined
-def _move_grains(
-    pile: FlowingPile, rule: Exchange, draws: Draws, side: int, i: Whole
-) -> None:
+def _move_grains(pile: FlowingPile, rule: Exchange, draws: Draws, side: int, i: Whole) -> None:
     ranks, layer, captured = len(rule.grain_height), _layer(pile, rule, i), rule.grain_height
     for a in range(ranks):
         count = binomial_from(pile.random, draws.grains, draws.chance, draws.none, a, i)
@@ -227,7 +225,7 @@ def _held(rule: Exchange, layer: tuple[int, ...]) -> int:
 def _laid(
     pile: FlowingPile, rule: Exchange, i: Whole, layer: tuple[int, ...], a: int, grains: int
 ) -> tuple[int, ...]:
-    """The layer after captured grains were laid one by one, and buried what there was no room for."""
+    """The layer after grains were laid one by one, and it buried what it had no room for."""
     held = _held(rule, layer)
     for _ in range(grains):
         while held > 0 and held + rule.grain_height[a] > rule.depth:
@@ -264,9 +262,7 @@ def _changed(layer: tuple[int, ...], b: int, by: int) -> tuple[int, ...]:
 
 
 @inlined
-def _dug_up(
-    pile: FlowingPile, rule: Exchange, i: Whole, layer: tuple[int, ...]
-) -> tuple[int, ...]:
+def _dug_up(pile: FlowingPile, rule: Exchange, i: Whole, layer: tuple[int, ...]) -> tuple[int, ...]:
     """The layer refilled from below while it has room for any grain, or holds none."""
     held = _held(rule, layer)
     while pile.grains[i] > 0 and (held == 0 or held + rule.tallest <= rule.depth):
