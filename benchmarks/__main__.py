@@ -6,6 +6,7 @@ from importlib import import_module
 SUBJECTS = (
     "pours",
     "lattice",
+    "rates",
     "continuum",
     "solvers",
     "grains",

@@ -1,70 +1,33 @@
 """The rate rule of :mod:`ca_model.rates.reference` on arrays, grain for grain the same.
 
-    captured       each rolling grain of a in contact    1 - exp(-k gamma_aa P(theta_a - s) dt)
-    set rolling    each grain of a in the layer          1 - exp(-(c / t) A_a dt)
-                   A_a = sum_b [mu_ba + gamma_ba P(s - theta_b)] R_b
-
-in sub-steps dt, at the slope and the composition with which a sub-step begins; t is the thickness
-of the surface layer, R_b that of the grains in contact. Columns are taken in their order along the
-flow: each then meets the height that its downhill neighbour had before, and is told the one that
-its uphill neighbour had, so heights can be changed in place. Species are numbered by rank, the
-smallest is 0.
+A step is taken in sub-steps. All columns meet the heights with which a sub-step begins, so what
+does not hang on random words is found for all of them at once (:mod:`ca_model.rates.chances`).
+Then, column after column along the flow, a word is drawn for each rank that may be captured or set
+rolling; most tell that no grain is, and only the others cost more than a comparison.
 """
 
 import math
-from typing import NamedTuple
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from ca_model.draws import RandomState, binomial, chance_within, pick
+from ca_model.draws import binomial_from, pick, tried
+from ca_model.kernel.bits import Whole, Word
 from ca_model.kernel.compiled import UNCOUNTED, inlined
+from ca_model.rates.chances import ONE, find_chances, surface, touching
+from ca_model.rates.state import LEFT, RIGHT, Draws, Exchange, FlowingPile
 from experiment.arrays import Floats, Ints
-from experiment.law import Law, amplification_rates, capture_rates, repose_slopes
-from experiment.species import Values, put
+from experiment.species import put
 
-__all__ = ["BARE", "COURANT", "DONE", "FULL", "Exchange", "FlowingPile", "advance", "composition"]
+__all__ = ["BARE", "COURANT", "DONE", "FULL", "advance", "composition"]
 
 COURANT = 0.25
-RIGHT, LEFT = 0, 1
 DONE, FULL, BARE = range(3)
 
 
-class Exchange(NamedTuple):
-    """The rule by the rank of its species; their number is known when it is compiled."""
-
-    law: Law
-    grain_height: tuple[int, ...]  # (rank,) u
-    fastest: Values  # (rank,) 1/s; the largest rate of each
-    rigid_fraction: Values  # (rank,) composition of the ground
-    contacts: int
-    sharpness: float  # k
-    amplification: float  # c
-    depth: int  # of the surface layer, u
-    tallest: int  # of the grains, u
-    unit: float  # cm
-    width: float  # cm
-    step: float  # s
-
-
-class FlowingPile(NamedTuple):
-    """A pile between two ends, changed in place."""
-
-    wall: bool  # whether walls stand at the ends; else grains fall over lips
-    height: Ints  # (1 + column + 1,) in u, with the lips
-    rolling: Ints  # (side, 1 + column + 1, rank) grains, with those that leave
-    layer: Ints  # (column, rank) grains of the surface layer
-    stack: NDArray[np.int8]  # (column, place) ranks of the grains below it, lowest first
-    grains: Ints  # (column,) how many places of the stack are taken
-    handed_on: Ints  # (column,) how many grains there were below those
-    at_rest: Ints  # (rank,) grains of all layers and stacks, and below
-    outflow: Ints  # (rank,) grains that fell over the lips
-    random: RandomState
-
-
 @njit(cache=True, nogil=True, **UNCOUNTED)
-def advance(pile: FlowingPile, rule: Exchange, arrivals: Ints, source: Ints) -> tuple[int, int]:
+def advance(
+    pile: FlowingPile, rule: Exchange, draws: Draws, arrivals: Ints, source: Ints
+) -> tuple[int, int]:
     """Advance `pile` by one step per row of `arrivals` (step, side, rank).
 
     The grains of step k enter to the right and left of the edge before column source[k]. Returns
@@ -81,7 +44,11 @@ def advance(pile: FlowingPile, rule: Exchange, arrivals: Ints, source: Ints) -> 
         dt = rule.step / substeps
         for k in range(substeps):
             for side in range(pile.rolling.shape[0]):
-                _exchange(pile, rule, side, source[step], dt, substeps - k)
+                reach = _reach(pile, side)
+                find_chances(pile, rule, draws, side, source[step], reach, dt)
+                _exchange(pile, rule, draws, side, reach)
+                if pile.wall:
+                    _fill_against_the_wall(pile, rule, side, substeps - k)
     return arrivals.shape[0], DONE
 
 
@@ -94,10 +61,10 @@ def _why_stop(pile: FlowingPile, rule: Exchange, arrivals: Ints, step: int) -> i
     rolling, busiest = 0, _busiest(pile, rule)
     for side in range(pile.rolling.shape[0]):
         most = 0
-        for i in range(pile.rolling.shape[1]):
+        for i in range(pile.rolling.shape[2]):
             count = 0
             for a in range(len(rule.grain_height)):
-                count += pile.rolling[side, i, a]
+                count += pile.rolling[side, a, i]
             most = max(most, count)
         rolling += most
         for a in range(len(rule.grain_height)):
@@ -119,12 +86,10 @@ def _busiest(pile: FlowingPile, rule: Exchange) -> float:
     """The largest gamma R [cm/s] of grains in contact, each species at its largest rate."""
     busiest = 0.0
     for side in range(pile.rolling.shape[0]):
-        for i in range(1, 1 + pile.grains.size):
-            left, busy = rule.contacts, 0.0
+        for i in range(Word(pile.grains.size)):
+            touch, busy = touching(pile, rule, side, i), 0.0
             for a in range(len(rule.grain_height)):
-                exposed = min(pile.rolling[side, i, a], left)
-                left -= exposed
-                busy += rule.fastest[a] * (exposed * rule.grain_height[a] * rule.unit)
+                busy += rule.fastest[a] * (touch[a] * rule.grain_height[a] * rule.unit)
             busiest = max(busiest, busy)
     return busiest
 
@@ -138,17 +103,17 @@ def _substeps(rule: Exchange, busiest: float) -> int:
 
 @inlined
 def _roll(pile: FlowingPile) -> None:
-    sides, ends, ranks = pile.rolling.shape
+    sides, ranks, ends = pile.rolling.shape
     for a in range(ranks):
         for i in range(ends - 1, 0, -1):
-            pile.rolling[RIGHT, i, a] = pile.rolling[RIGHT, i - 1, a]
-        pile.outflow[a] += pile.rolling[RIGHT, ends - 1, a]
-        pile.rolling[RIGHT, ends - 1, a] = 0
+            pile.rolling[RIGHT, a, i] = pile.rolling[RIGHT, a, i - 1]
+        pile.outflow[a] += pile.rolling[RIGHT, a, ends - 1]
+        pile.rolling[RIGHT, a, ends - 1] = 0
         if sides > 1:
             for i in range(ends - 1):
-                pile.rolling[LEFT, i, a] = pile.rolling[LEFT, i + 1, a]
-            pile.outflow[a] += pile.rolling[LEFT, 0, a]
-            pile.rolling[LEFT, 0, a] = 0
+                pile.rolling[LEFT, a, i] = pile.rolling[LEFT, a, i + 1]
+            pile.outflow[a] += pile.rolling[LEFT, a, 0]
+            pile.rolling[LEFT, a, 0] = 0
 
 
 @inlined
@@ -160,146 +125,158 @@ def _feed(pile: FlowingPile, arrivals: Ints, step: int, source: int) -> None:
         into = side if not turned else RIGHT + LEFT - side
         column = source if into == RIGHT else source - 1
         for a in range(arrivals.shape[2]):
-            pile.rolling[into, 1 + column, a] += arrivals[step, side, a]
+            pile.rolling[into, a, 1 + column] += arrivals[step, side, a]
+
+
+@inlined
+def _reach(pile: FlowingPile, side: int) -> tuple[Whole, Whole]:
+    """The columns of one side's flow, from one to before the other; that at a wall is not of it."""
+    begin, end = Word(0), Word(pile.grains.size)
+    if pile.wall and side == RIGHT:
+        end -= ONE
+    elif pile.wall:
+        begin += ONE
+    while begin < end and not _flows(pile, side, begin):
+        begin += ONE
+    while begin < end and not _flows(pile, side, end - ONE):
+        end -= ONE
+    return begin, end
+
+
+@inlined
+def _flows(pile: FlowingPile, side: int, i: Whole) -> bool:
+    rolling = 0
+    for a in range(pile.rolling.shape[1]):
+        rolling |= pile.rolling[side, a, i + ONE]
+    return rolling > 0
 
 
 @inlined
 def _exchange(
-    pile: FlowingPile, rule: Exchange, side: int, source: int, dt: float, left: int
+    pile: FlowingPile, rule: Exchange, draws: Draws, side: int, reach: tuple[Whole, Whole]
 ) -> None:
-    """Capture from the flow of one side, and set rolling what it strikes; `left`: sub-steps."""
-    columns = pile.grains.size
-    first = source if side == RIGHT else source - 1
-    uphill = 0
-    for k in range(columns):
-        i = k if side == RIGHT else columns - 1 - k
-        here = pile.height[1 + i]
-        flows = False
-        for a in range(len(rule.grain_height)):
-            flows |= pile.rolling[side, 1 + i, a] > 0
-        if flows:
-            if pile.wall and k == columns - 1:
-                _fill_against_the_wall(pile, rule, side, i, left)
-            else:
-                theta = here - pile.height[2 + i if side == RIGHT else i]
-                bend = 0 if k == 0 or i == first else (uphill - here) - theta
-                _exchange_in_column(pile, rule, side, i, _slope(rule, theta, bend), dt)
-        uphill = here
+    """Capture from the flow of one side, and set rolling what it strikes, along the flow."""
+    (begin, end), state = reach, pile.random[0]
+    for k in range(end - begin):
+        i = begin + k if side == RIGHT else end - ONE - k
+        after, some = tried(state, draws.none, 2 * len(rule.grain_height), i)
+        if some:
+            pile.random[0] = state
+            _move_grains(pile, rule, draws, side, i)
+            after = pile.random[0]
+        state = after
+    pile.random[0] = state
 
 
 @inlined
-def _slope(rule: Exchange, theta: int, bend: int) -> float:
-    """S = theta - l d2h/dx2 of a step down and of what the one uphill is more, in u."""
-    curvature = rule.law.curvature_length / rule.width
-    return (theta - curvature * bend) * (rule.unit / rule.width)
-
-
-@inlined
-def _fill_against_the_wall(pile: FlowingPile, rule: Exchange, side: int, i: int, left: int) -> None:
-    """Capture an even share of what reached the wall; all of it in the last sub-step."""
+def _fill_against_the_wall(pile: FlowingPile, rule: Exchange, side: int, left: int) -> None:
+    """Capture an even share of what reached the wall; all of it in the last of `left` sub-steps."""
+    i = Word(pile.grains.size - 1) if side == RIGHT else Word(0)
+    layer = _layer(pile, rule, i)
     for a in range(len(rule.grain_height)):
-        captured = pile.rolling[side, 1 + i, a] // left
-        pile.rolling[side, 1 + i, a] -= captured
-        _lay(pile, rule, i, a, captured)
+        captured = pile.rolling[side, a, i + ONE] // left
+        pile.rolling[side, a, i + ONE] -= captured
+        layer = _laid(pile, rule, i, layer, a, captured)
+    _put_layer(pile, i, layer)
 
 
 @inlined
-def _exchange_in_column(
-    pile: FlowingPile, rule: Exchange, side: int, i: int, slope: float, dt: float
-) -> None:
-    law, ranks = rule.law, len(rule.grain_height)
-    phi, thickness = _surface(pile, rule, i)
-    theta = repose_slopes(phi, law)
-    capture = capture_rates(theta, slope, law)
-    exposed, captured, free = phi, rule.grain_height, rule.contacts
+def _move_grains(pile: FlowingPile, rule: Exchange, draws: Draws, side: int, i: Whole) -> None:
+    ranks, layer, captured = len(rule.grain_height), _layer(pile, rule, i), rule.grain_height
     for a in range(ranks):
-        touching = min(pile.rolling[side, 1 + i, a], free)
-        free -= touching
-        exposed = put(exposed, a, touching * rule.grain_height[a] * rule.unit)
-        chance = chance_within(rule.sharpness * capture[a] * dt)
-        captured = put(captured, a, binomial(pile.random, touching, chance))
-    struck = amplification_rates(theta, slope, exposed, law)
+        count = binomial_from(pile.random, draws.grains, draws.chance, draws.none, a, i)
+        captured = put(captured, a, count)
     for a in range(ranks):
-        chance = chance_within(rule.amplification * struck[a] * (dt / thickness))
-        loosened = binomial(pile.random, pile.layer[i, a], chance)
-        pile.layer[i, a] -= loosened
+        loosened = binomial_from(pile.random, draws.grains, draws.chance, draws.none, ranks + a, i)
+        layer = put(layer, a, layer[a] - loosened)
         pile.at_rest[a] -= loosened
-        pile.height[1 + i] -= loosened * rule.grain_height[a]
-        pile.rolling[side, 1 + i, a] += loosened - captured[a]
+        pile.height[i + ONE] -= loosened * rule.grain_height[a]
+        pile.rolling[side, a, i + ONE] += loosened - captured[a]
     for a in range(ranks):
-        _lay(pile, rule, i, a, captured[a])
-    _dig_up(pile, rule, i)
+        layer = _laid(pile, rule, i, layer, a, captured[a])
+    _put_layer(pile, i, _dug_up(pile, rule, i, layer))
 
 
 @inlined
-def _surface(pile: FlowingPile, rule: Exchange, i: int) -> tuple[Values, float]:
-    """The composition of the surface layer, and how thick it is [cm].
-
-    Where nothing lies below it, the ground makes up what it lacks of its depth.
-    """
-    held = _held(pile, rule, i)
-    bare = pile.grains[i] + pile.handed_on[i] == 0
-    lacks = max(rule.depth - held, 0) if bare else 0
-    phi = rule.rigid_fraction
-    for a in range(len(rule.grain_height)):
-        volume = pile.layer[i, a] * rule.grain_height[a] + lacks * rule.rigid_fraction[a]
-        phi = put(phi, a, volume / (held + lacks))
-    return phi, (held + lacks) * rule.unit
+def _layer(pile: FlowingPile, rule: Exchange, i: Whole) -> tuple[int, ...]:
+    """The grains (rank,) of the surface layer."""
+    layer = rule.grain_height
+    for a in range(len(layer)):
+        layer = put(layer, a, pile.layer[a, i])
+    return layer
 
 
 @inlined
-def _held(pile: FlowingPile, rule: Exchange, i: int) -> int:
-    """Thickness of the grains of the surface layer, u."""
+def _put_layer(pile: FlowingPile, i: Whole, layer: tuple[int, ...]) -> None:
+    for a in range(len(layer)):
+        pile.layer[a, i] = layer[a]
+
+
+@inlined
+def _held(rule: Exchange, layer: tuple[int, ...]) -> int:
+    """Thickness of the grains of a layer, u."""
     held = 0
-    for a in range(len(rule.grain_height)):
-        held += pile.layer[i, a] * rule.grain_height[a]
+    for a in range(len(layer)):
+        held += layer[a] * rule.grain_height[a]
     return held
 
 
 @inlined
-def _lay(pile: FlowingPile, rule: Exchange, i: int, a: int, grains: int) -> None:
-    """Lay captured grains one by one; what there is no room for in the layer is buried first."""
-    held = _held(pile, rule, i)
+def _laid(
+    pile: FlowingPile, rule: Exchange, i: Whole, layer: tuple[int, ...], a: int, grains: int
+) -> tuple[int, ...]:
+    """The layer after grains were laid one by one, and it buried what it had no room for."""
+    held = _held(rule, layer)
     for _ in range(grains):
         while held > 0 and held + rule.grain_height[a] > rule.depth:
-            held -= rule.grain_height[_bury(pile, i)]
-        pile.layer[i, a] += 1
+            b = _picked(pile, layer)
+            layer = _changed(layer, b, -1)
+            held -= rule.grain_height[b]
+            pile.stack[i, pile.grains[i]] = b
+            pile.grains[i] += 1
+        layer = put(layer, a, layer[a] + 1)
         held += rule.grain_height[a]
-    pile.height[1 + i] += grains * rule.grain_height[a]
+    pile.height[i + ONE] += grains * rule.grain_height[a]
     pile.at_rest[a] += grains
+    return layer
 
 
 @inlined
-def _bury(pile: FlowingPile, i: int) -> int:
-    """Bury one of the grains of the layer, whichever it is; its rank."""
+def _picked(pile: FlowingPile, layer: tuple[int, ...]) -> int:
+    """The rank of one of the grains of a layer, whichever it is."""
     count = 0
-    for a in range(pile.layer.shape[1]):
-        count += pile.layer[i, a]
+    for a in range(len(layer)):
+        count += layer[a]
     left, b = pick(pile.random, count), 0
-    while left >= pile.layer[i, b]:
-        left -= pile.layer[i, b]
-        b += 1
-    pile.layer[i, b] -= 1
-    pile.stack[i, pile.grains[i]] = b
-    pile.grains[i] += 1
+    for a in range(len(layer) - 1):
+        left -= layer[a]
+        b += left >= 0
     return b
 
 
 @inlined
-def _dig_up(pile: FlowingPile, rule: Exchange, i: int) -> None:
-    """Refill the layer from below while it has room for any grain, or holds none."""
-    held = _held(pile, rule, i)
+def _changed(layer: tuple[int, ...], b: int, by: int) -> tuple[int, ...]:
+    for a in range(len(layer)):
+        layer = put(layer, a, layer[a] + (by if a == b else 0))
+    return layer
+
+
+@inlined
+def _dug_up(pile: FlowingPile, rule: Exchange, i: Whole, layer: tuple[int, ...]) -> tuple[int, ...]:
+    """The layer refilled from below while it has room for any grain, or holds none."""
+    held = _held(rule, layer)
     while pile.grains[i] > 0 and (held == 0 or held + rule.tallest <= rule.depth):
         pile.grains[i] -= 1
         b = pile.stack[i, pile.grains[i]]
-        pile.layer[i, b] += 1
+        layer = _changed(layer, b, 1)
         held += rule.grain_height[b]
+    return layer
 
 
 @njit(cache=True, nogil=True)
 def composition(pile: FlowingPile, rule: Exchange, phi: Floats) -> None:
     """Put down the composition (column, rank) of the surface."""
     for i in range(pile.grains.size):
-        fractions, _ = _surface(pile, rule, i)
+        fractions, _ = surface(pile, rule, i)
         for a in range(len(fractions)):
             phi[i, a] = fractions[a]

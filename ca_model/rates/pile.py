@@ -12,12 +12,13 @@ import numpy as np
 from ca_model.deposit import top_of
 from ca_model.draws import RandomState
 from ca_model.lattice import Ground, RateRule
-from ca_model.rates.kernel import BARE, DONE, Exchange, FlowingPile, advance, composition
+from ca_model.rates.kernel import BARE, DONE, advance, composition
+from ca_model.rates.state import Exchange, FlowingPile, bare_draws
 from experiment.arrays import Floats, Ints
 from experiment.pouring.slabs import Slab, Slabs
 from experiment.pouring.state import State, arrays_of, put_back
 
-__all__ = ["RatePile"]
+__all__ = ["RatePile", "bare_pile", "ranked"]
 
 FIRST_PLACES = 64
 
@@ -37,8 +38,9 @@ class RatePile:
         self._slabs = slabs
         self._species = rule.smallest_first  # (rank,)
         self._ranks = np.argsort(self._species)  # (species,)
-        self._rule = _ranked(rule)
-        self._pile = _bare_pile(self._rule, ground, random)
+        self._rule = ranked(rule)
+        self._pile = bare_pile(self._rule, ground, random)
+        self._draws = bare_draws(len(self._species), len(ground.height))
         self._bottom = ground.height.copy()  # (column,) u; of what is in memory
         self._most_places = np.array([most_places or _places_of_relief(rule, ground)])
 
@@ -49,7 +51,7 @@ class RatePile:
         """
         ranked = np.ascontiguousarray(arrivals.take(self._species, axis=2))
         while True:
-            steps, why = advance(self._pile, self._rule, ranked, source)
+            steps, why = advance(self._pile, self._rule, self._draws, ranked, source)
             ranked, source = ranked[steps:], source[steps:]
             if why == DONE:
                 return
@@ -108,10 +110,10 @@ class RatePile:
 
     def rest(self) -> Slab:
         """What is in memory; of a surface layer, which has no order, the tallest grains first."""
-        pile, layers = self._pile, self._pile.layer.sum(axis=1)
+        pile, layers = self._pile, self._pile.layer.sum(axis=0)
         stacks = [
             np.concatenate([stack[:count], np.repeat(np.arange(len(layer))[::-1], layer[::-1])])
-            for stack, count, layer in zip(pile.stack, pile.grains, pile.layer, strict=True)
+            for stack, count, layer in zip(pile.stack, pile.grains, pile.layer.T, strict=True)
         ]
         return self._slab(np.concatenate(stacks), pile.grains + layers)
 
@@ -155,15 +157,15 @@ class RatePile:
     @property
     def surface_fraction(self) -> Floats:
         """Composition (column, species) of the surface layer."""
-        phi = np.empty(self._pile.layer.shape)
+        phi = np.empty(self._pile.layer.T.shape)
         composition(self._pile, self._rule, phi)
         return phi.take(self._ranks, axis=1)
 
     @property
     def rolling(self) -> Ints:
         """Rolling grains (column, species), of both sides."""
-        rolling = self._pile.rolling[:, 1:-1].sum(axis=0)
-        return np.asarray(rolling.take(self._ranks, axis=1))
+        rolling = self._pile.rolling[:, :, 1:-1].sum(axis=0)
+        return np.asarray(rolling.take(self._ranks, axis=0).T)
 
     @property
     def outflow(self) -> Ints:
@@ -176,17 +178,17 @@ class RatePile:
         return self._pile.at_rest.take(self._ranks)
 
 
-def _ranked(rule: RateRule) -> Exchange:
+def ranked(rule: RateRule) -> Exchange:
     """The rule as the kernel takes it."""
     species = [int(a) for a in rule.smallest_first]
 
-    def ranked(matrix: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+    def in_order(matrix: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
         return tuple(tuple(matrix[a][b] for b in species) for a in species)
 
     law = rule.law._replace(
-        repose_slope=ranked(rule.law.repose_slope),
-        collision_rate=ranked(rule.law.collision_rate),
-        cross_amplification=ranked(rule.law.cross_amplification),
+        repose_slope=in_order(rule.law.repose_slope),
+        collision_rate=in_order(rule.law.collision_rate),
+        cross_amplification=in_order(rule.law.cross_amplification),
     )
     return Exchange(
         law=law,
@@ -204,15 +206,15 @@ def _ranked(rule: RateRule) -> Exchange:
     )
 
 
-def _bare_pile(rule: Exchange, ground: Ground, random: RandomState) -> FlowingPile:
+def bare_pile(rule: Exchange, ground: Ground, random: RandomState) -> FlowingPile:
     """The ground before pouring: nothing rolls, no grain rests."""
     columns, ranks = len(ground.height), len(rule.grain_height)
     lips = (0, 0) if ground.lips is None else ground.lips
     return FlowingPile(
         wall=ground.lips is None,
         height=np.concatenate([lips[:1], ground.height, lips[1:]]).astype(np.int64),
-        rolling=np.zeros((ground.sides, 1 + columns + 1, ranks), dtype=np.int64),
-        layer=np.zeros((columns, ranks), dtype=np.int64),
+        rolling=np.zeros((ground.sides, ranks, 1 + columns + 1), dtype=np.int64),
+        layer=np.zeros((ranks, columns), dtype=np.int64),
         stack=np.zeros((columns, FIRST_PLACES), dtype=np.int8),
         grains=np.zeros(columns, dtype=np.int64),
         handed_on=np.zeros(columns, dtype=np.int64),
