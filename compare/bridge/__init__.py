@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import xarray as xr
 from rich.table import Table
 
-from compare.bridge.limit import limit, limit_table
+from compare.bridge.limit import limit
+from compare.bridge.limit_table import limit_table
 from compare.pictures.bridge.limit import draw_limit
 from experiment.pouring import Progress
 

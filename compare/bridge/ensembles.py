@@ -15,7 +15,7 @@ from experiment import Experiment
 from experiment.arrays import Floats
 from experiment.pouring import Progress
 
-__all__ = ["means_over_piles", "pour_piles", "share_of"]
+__all__ = ["means_over_piles", "pour_alike", "pour_piles", "share_of"]
 
 
 def pour_piles(
@@ -30,9 +30,22 @@ def pour_piles(
 
     `workers` and `progress` are those of :func:`compare.campaign`.
     """
-    every = list(chain.from_iterable(piles(setup, seeds) for setup in setups))
+    return pour_alike(
+        [piles(setup, seeds) for setup in setups], model=model, workers=workers, progress=progress
+    )
+
+
+def pour_alike(
+    ensembles: Sequence[Sequence[Experiment]],
+    *,
+    model: str,
+    workers: int | None = None,
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """The same of ensembles of any kind, all of them of as many set-ups."""
+    every = list(chain.from_iterable(ensembles))
     found = campaign(every, [model], workers=workers, progress=progress).isel(model=0, drop=True)
-    shape = len(setups), seeds
+    shape = len(ensembles), len(ensembles[0])
     return xr.Dataset(
         {
             str(name): (("setup", "pile"), there.values.reshape(shape), there.attrs)
