@@ -22,6 +22,7 @@ import xarray as xr
 from scipy.optimize import curve_fit
 
 from compare.bridge.ensembles import means_over_piles, pour_alike, pour_piles, share_of
+from compare.campaign import Pour
 from compare.convergence import FORMAL_ORDER, QUANTITIES
 from compare.convergence import limit as as_dx_vanishes
 from compare.quantities import named
@@ -42,6 +43,7 @@ FEW = 0.25  # cm; piles of narrower columns take long, and are a third as many
 START_SLOPES = (0.97, 1.0, 1.03)
 GRIDS = (200, 400, 800)  # cells, of the second order
 ONE = (8, 0.5)  # n and w, about which one thing is changed at a time
+EXAMPLES = (1, 2, 8, 64)  # n, of which deposits are drawn
 CAUSES: dict[str, dict[str, object]] = {
     "arrivals: each grain drawn": {"ca_model.arrivals": "drawn"},
     "feed: half": {"feed.inflow": [0.25, 0.25]},
@@ -57,6 +59,7 @@ CAUSES: dict[str, dict[str, object]] = {
     "d: half": {"mixture.surface_depth": 0.05},
     "d: twice": {"mixture.surface_depth": 0.2},
 }
+DEPOSIT = "fraction of large grains, columns let down to one floor"
 OF_GRAINS = ("ca_model.", "mixture.grain_diameter")
 LEAST = 4  # n that the law is fitted from
 FEWEST = 5  # sizes that its three numbers are fitted to
@@ -82,6 +85,7 @@ def limit(
     plan: Plan = PLAN,
     causes: Causes = CAUSES,
     grids: Sequence[int] = GRIDS,
+    examples: Sequence[int] = EXAMPLES,
 ) -> xr.Dataset:
     """Mean wavelength [cm] and velocities [cm/s] of lattice and continuum, and how they approach.
 
@@ -89,15 +93,24 @@ def limit(
     grid of that dx, NAME_extrapolated as dx -> 0; NAME_amplitude, NAME_exponent and NAME_remainder
     (width,), the A, p and c of the law above, with NAME_chi2_dof; and cause_NAME(cause) and
     cause_NAME_continuum(cause), where one thing is changed. NaN where nothing was poured, or too
-    few piles have layers; NAME_count(width, fineness) says how many have.
+    few piles have layers; NAME_count(width, fineness) says how many have. And deposit (example,
+    row, column) of some sizes and of the continuum, columns let down to one floor.
     """
     coordinates = {
         "width": ("width", list(plan), named("width w of a column", "cm")),
         "fineness": ("fineness", _sizes(plan), named("n, how many times smaller grains are")),
         "cause_name": ("cause", list(causes), named("what was changed", "")),
+        "example_name": (
+            "example",
+            [*(f"n = {n}" for n in examples), "continuum"],
+            named("whose deposit it is", ""),
+        ),
     }
     told = _continuum(plan, causes, grids, workers, share_of(progress, 0.0, 0.2))
     told |= _lattices(plan, causes, seeds, workers, share_of(progress, 0.2, 1.0))
+    told["deposit"] = (("example", "row", "column"), _deposits(examples), named(DEPOSIT))
+    told["least"] = ((), LEAST, named("n that the laws are fitted from"))
+    told["amplitude_at"] = ((), ONE[0], named("n of the amplitudes"))
     found = xr.Dataset(told, coordinates, {"title": "The limit of small grains"})
     return found.assign(_laws(found))
 
@@ -207,6 +220,13 @@ def _lattices(
             table[widths.index(w), sizes.index(n)] = value
         told[str(name)] = (("width", "fineness"), table, there.attrs)
     return told
+
+
+def _deposits(examples: Sequence[int]) -> Floats:
+    """Pictures (example, row, column) of deposits."""
+    pours = [Pour("ca_model", lattice(n, ONE[1]), picture=True) for n in examples]
+    pours.append(Pour("continuum", grid(ONE[1]), picture=True))
+    return np.array([pour().picture for pour in pours])
 
 
 def _laws(found: xr.Dataset) -> Variables:
