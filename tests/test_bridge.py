@@ -115,6 +115,12 @@ def test_a_law_of_three_numbers_is_not_told_from_four_sizes() -> None:
     assert np.isnan([*told.values, *told.errors, told.chi2_dof]).all()
 
 
+def test_no_law_is_told_where_the_difference_is_within_its_error() -> None:
+    u = 0.5 ** np.arange(5)
+    within = 0.01 * np.array([-0.6, -1.0, -0.6, -0.4, -0.1])
+    assert np.isnan(power_law(u, within, np.full(5, 0.01)).values).all()
+
+
 def test_piles_without_layers_do_not_count_in_a_mean() -> None:
     regime = [["stratified", "mixed", "layered-and-segregated"], ["mixed", "mixed", "stratified"]]
     values = [[1.0, 50.0, 3.0], [7.0, 8.0, 9.0]]

@@ -77,6 +77,9 @@ class PowerLaw(NamedTuple):
     chi2_dof: float
 
 
+NO_LAW = PowerLaw(np.full(3, np.nan), np.full(3, np.nan), np.nan)
+
+
 def limit(
     seeds: int,
     workers: int | None,
@@ -134,10 +137,13 @@ def grid(dx: float, scheme: str = "godunov") -> Experiment:
 
 
 def power_law(u: Floats, difference: Floats, error: Floats) -> PowerLaw:
-    """A u^p + c through `difference` (point,) with standard `error`; NaN for too few points."""
+    """A u^p + c through `difference` (point,) with standard `error`.
+
+    NaN for fewer than FEWEST points, and where A is not known to better than itself.
+    """
     there = np.isfinite(difference) & np.isfinite(error) & (error > 0)
     if there.sum() < FEWEST:
-        return PowerLaw(np.full(3, np.nan), np.full(3, np.nan), np.nan)
+        return NO_LAW
     u, difference, error = u[there], difference[there], error[there]
     guess = (difference[np.argmax(u)] / u.max(), 1.0, 0.0)
     values, covariance = curve_fit(
@@ -145,7 +151,10 @@ def power_law(u: Floats, difference: Floats, error: Floats) -> PowerLaw:
     )
     chi2_dof = float((((difference - _power_law(u, *values)) / error) ** 2).sum())
     chi2_dof /= max(len(u) - len(values), 1)
-    return PowerLaw(values, np.sqrt(max(chi2_dof, 1.0) * np.diag(covariance)), chi2_dof)
+    errors = np.sqrt(max(chi2_dof, 1.0) * np.diag(covariance))
+    if not errors[0] < abs(values[0]):
+        return NO_LAW
+    return PowerLaw(values, errors, chi2_dof)
 
 
 def _power_law(u: Floats, amplitude: float, exponent: float, remainder: float) -> Floats:
