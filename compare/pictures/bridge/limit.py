@@ -70,7 +70,7 @@ def _draw_means(axes: "Axes", there: xr.Dataset, name: str, look: tuple[str, str
         there[f"{name}_error"],
         color=colour,
         marker=marker,
-        label=f"columns of {there['width'].item():g} cm",
+        label=f"w = {there['width'].item():g} cm",
         **BARS,
     )
     axes.axhline(there[f"{name}_continuum"].item(), **(THIN | {"color": colour}))
