@@ -14,9 +14,10 @@ TERNARY := ternary --set mixture.theta_33=1.0 --set mixture.psi=0.15 --set pour.
 	--set ca_model.column_width=0.15 --set ca_model.unit=0.005 --set ca_model.arrivals=drawn
 DELTA := --vary mixture.delta=-0.3:0.5:33
 FIGURES := angles functions profiles onset phase
+BRIDGE := limit
 DIAGRAMS := delta-psi delta-cross_rate delta-flux delta-composition ternary
 
-.PHONY: run test lint bench giant killed picture figures diagrams validation notebooks docs lock clean
+.PHONY: run test lint bench giant killed picture figures diagrams bridge validation notebooks docs lock clean
 
 run: .venv/.run .venv/.kernels
 	@$(MAKE) --no-print-directory -j2 --output-sync $(PRESETS:%=pour/%)
@@ -79,6 +80,14 @@ diagram/%: .venv/.run .venv/.kernels
 	@mkdir -p pours/diagrams docs/diagrams
 	@echo "$*" && $(BIN)/stratify phase $(MAP) -o pours/diagrams/$*.nc --force --json > pours/diagrams/$*.json
 	@cp pours/diagrams/$*.png pours/diagrams/$*.json docs/diagrams/
+
+# The studies of docs/bridge.md, in pours/bridge; pictures and numbers go to docs/. Minutes each.
+bridge: $(BRIDGE:%=bridge/%)
+
+bridge/%: .venv/.run .venv/.kernels
+	@mkdir -p pours/bridge docs/bridge
+	@$(BIN)/stratify bridge $* -o pours/bridge --force --json > pours/bridge/$*.json
+	@cp pours/bridge/$*.png pours/bridge/$*.json docs/bridge/
 
 # The documentation, into docs/_build/html; needs no network.
 docs: .venv/.test

@@ -16,7 +16,7 @@ MAY_IMPORT = {
     "compare": {"experiment", "compare"},
 }
 PACKAGES = set(MAY_IMPORT)
-RUN_MODELS = {"campaign", "cli", "explore", "paper", "validation"}
+RUN_MODELS = {"bridge", "campaign", "cli", "explore", "paper", "validation"}
 
 
 def imported_packages(file: Path) -> set[str]:

@@ -12,6 +12,7 @@ __all__ = ["cli", "main"]
 BAD_INPUT = 2
 VERBS = [  # each a command in the module of its name
     "animate",
+    "bridge",
     "compare",
     "converge",
     "explore",

@@ -1,0 +1,1 @@
+"""Pictures of the studies of :mod:`compare.bridge`, a file for each."""
