@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import xarray as xr
 from rich.table import Table
 
+from compare.bridge.between import between, between_table
 from compare.bridge.limit import limit, limit_table
+from compare.pictures.bridge.between import draw_between
 from compare.pictures.bridge.limit import draw_limit
 from experiment.pouring import Progress
 
@@ -29,5 +31,6 @@ class Study(NamedTuple):
 
 
 STUDIES = {
+    "between": Study(between, draw_between, between_table),
     "limit": Study(limit, draw_limit, limit_table),
 }
