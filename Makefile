@@ -14,7 +14,7 @@ TERNARY := ternary --set mixture.theta_33=1.0 --set mixture.psi=0.15 --set pour.
 	--set ca_model.column_width=0.15 --set ca_model.unit=0.005 --set ca_model.arrivals=drawn
 DELTA := --vary mixture.delta=-0.3:0.5:33
 FIGURES := angles functions profiles onset phase
-BRIDGE := limit between
+BRIDGE := limit between grains
 DIAGRAMS := delta-psi delta-cross_rate delta-flux delta-composition ternary
 
 .PHONY: run test lint bench giant killed picture figures diagrams bridge validation notebooks docs lock clean

@@ -11,8 +11,10 @@ import xarray as xr
 from rich.table import Table
 
 from compare.bridge.between import between, between_table
+from compare.bridge.grains import grains, grains_table
 from compare.bridge.limit import limit, limit_table
 from compare.pictures.bridge.between import draw_between
+from compare.pictures.bridge.grains import draw_grains
 from compare.pictures.bridge.limit import draw_limit
 from experiment.pouring import Progress
 
@@ -32,5 +34,6 @@ class Study(NamedTuple):
 
 STUDIES = {
     "between": Study(between, draw_between, between_table),
+    "grains": Study(grains, draw_grains, grains_table),
     "limit": Study(limit, draw_limit, limit_table),
 }

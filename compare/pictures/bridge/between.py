@@ -18,6 +18,7 @@ __all__ = ["draw_between"]
 LABELS = ("wavelength (cm)", "kink velocity (cm/s)", "front velocity (cm/s)")
 BARS: dict[str, Any] = {"linewidth": 1.0, "markersize": 3.5, "capsize": 2.0, "elinewidth": 0.8}
 COLOURS = {"1 / k": VERMILION, "none": GREEN, "all": ORANGE}
+RATIOS = (0.25, 0.5, 1, 2, 4)
 WHEN = {"first": (BLUE, ">", 0.2), "mean": ("0.2", "o", 0.0), "last": (VERMILION, "<", -0.2)}
 
 
@@ -31,12 +32,12 @@ def draw_between(found: xr.Dataset) -> "Figure":
             _draw_effects(column[1], found, name)
             _draw_path(column[2], found, name)
             column[0].set_xlabel(label)
-            column[1].set_xlabel("change (%)")
+            column[1].set_xlabel("changed by a factor of")
             column[2].set(xlabel="k, or gamma (1/s)", ylabel=label)
         for axes in rows[:2, 1:].flat:
             axes.tick_params(labelleft=False)
-        rows[1, 0].legend(fontsize="small", loc="lower left")
-        rows[2, 0].legend(fontsize="small")
+        rows[1, 1].legend(loc="lower left")
+        figure.legend(*rows[2, 0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
         titles = ("the ladder", "", "", "each change, by itself", "", "", "the path", "", "")
         letter(rows.flat, titles)
     return figure
@@ -55,18 +56,17 @@ def _draw_ladder(axes: "Axes", found: xr.Dataset, name: str) -> None:
 def _draw_effects(axes: "Axes", found: xr.Dataset, name: str) -> None:
     factors = found["factor"].values
     places = np.arange(len(factors))
-    axes.axvline(0, color="0.8", linewidth=0.8, zorder=0)
+    axes.axvline(1, color="0.8", linewidth=0.8, zorder=0)
     for when, (colour, marker, shift) in WHEN.items():
         there = found.sel(when=when)
-        effect, error = there[f"effect_{name}"], there[f"effect_{name}_error"]
-        axes.errorbar(
-            effect, places - shift, xerr=error, fmt=marker, color=colour, label=when, **BARS
-        )
+        ratio, error = 1 + there[f"effect_{name}"] / 100, there[f"effect_{name}_error"] / 100
+        bars = BARS | {"color": colour, "fmt": marker, "label": when}
+        axes.errorbar(ratio, places - shift, xerr=error, **bars)
     axes.set_yticks(places, factors)
     axes.set_ylim(len(factors) - 0.5, -0.5)
-    axes.set_xscale("symlog", linthresh=100, linscale=2)
-    axes.set_xlim(-110, 700)
-    axes.set_xticks([-100, -50, 0, 50, 100, 400], ["-100", "-50", "0", "50", "100", "400"])
+    axes.set_xscale("log")
+    axes.set_xlim(0.18, 6.5)
+    axes.set_xticks(RATIOS, map(str, RATIOS))
     axes.minorticks_off()
 
 
