@@ -32,7 +32,17 @@ from experiment import Experiment, load
 from experiment.arrays import Floats
 from experiment.pouring import Progress
 
-__all__ = ["FACTORS", "between", "between_table", "ladder", "lattice", "set_up", "sharpened"]
+__all__ = [
+    "CORNERS",
+    "FACTORS",
+    "between",
+    "between_table",
+    "effects",
+    "ladder",
+    "lattice",
+    "set_up",
+    "sharpened",
+]
 
 PRESET = "lattice-stratification"
 GAMMA, CROSS = 1.0, 0.1  # 1/s, and what of it unlike grains have
@@ -41,6 +51,7 @@ FINENESS = 16
 SHARPEST = 1e9
 SHARPNESS = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1e3, 1e4, 1e5)
 RATES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)  # gamma, 1/s
+CROSS_RATES = (0.01, 0.1, 1.0)  # of gamma
 FACTORS = ("grains", "layer", "digging", "capture")
 AMPLIFIED = ("1 / k", "none", "all")
 WHEN = ("first", "mean", "last")
@@ -75,7 +86,7 @@ def between(
 
     NAME(rung) climbs from the continuum to the threshold rule; path_NAME(amplified, k) sharpens
     capture by single grains; corner_NAME(FACTORS) and effect_NAME(factor, when) [%] are as the
-    module tells; rate_NAME(gamma) is the continuum's with other rates.
+    module tells; rate_NAME(gamma) and cross_NAME(cross) are the continuum's with other rates.
     """
     base = set_up(duration)
     steps = ladder(base, fineness)
@@ -85,19 +96,23 @@ def between(
         "path": [sharpened(base, k, share) for share in AMPLIFIED for k in sharpness],
     }
     found = _of_piles(poured, seeds, workers, share_of(progress, 0.0, 0.9))
-    grids = [*steps[:2], *(_with_rate(base, gamma) for gamma in rates)]
+    others = [(gamma, CROSS) for gamma in rates] + [(GAMMA, cross) for cross in CROSS_RATES]
+    grids = [*steps[:2], *(_with_rates(base, *pair) for pair in others)]
     continuum = _measured(grids, workers, share_of(progress, 0.9, 1.0))
+    by_cross = len(grids) - len(CROSS_RATES)
     told: Variables = {}
     for name in QUANTITIES:
         units = str(found["ladder"][name].attrs["units"])
         corner = _pair(found["corner"], name, (2,) * len(FACTORS))
-        rungs = np.hstack([_pair(continuum, name)[:, :2], _pair(found["ladder"], name)])
+        grid = _pair(continuum, name)
+        rungs = np.hstack([grid[:, :2], _pair(found["ladder"], name)])
         path = _pair(found["path"], name, (len(AMPLIFIED), len(sharpness)))
         told |= _told(name, "rung", rungs, units)
         told |= _told(f"path_{name}", ("amplified", "k"), path, units)
-        told |= _told(f"rate_{name}", "gamma", _pair(continuum, name)[:, 2:], units)
+        told |= _told(f"rate_{name}", "gamma", grid[:, 2:by_cross], units)
+        told |= _told(f"cross_{name}", "cross", grid[:, by_cross:], units)
         told |= _told(f"corner_{name}", FACTORS, corner, units)
-        told |= _told(f"effect_{name}", ("factor", "when"), _effects(*corner), "percent")
+        told |= _told(f"effect_{name}", ("factor", "when"), effects(*corner), "percent")
     layered = found["ladder"]["wavelength_count"].values / seeds
     told["layered"] = (
         "rung",
@@ -109,6 +124,7 @@ def between(
         "k": ("k", np.array(sharpness), named("times faster than by its law grains are captured")),
         "amplified": ("amplified", list(AMPLIFIED), named("share of amplification", "")),
         "gamma": ("gamma", np.array(rates), named("rate of collision", "s-1")),
+        "cross": ("cross", list(CROSS_RATES), named("rate of unlike grains, over gamma")),
         "factor": ("factor", list(FACTORS), named("what is changed", "")),
         "when": ("when", list(WHEN), named("when it is changed", "")),
     }
@@ -119,7 +135,7 @@ def set_up(duration: float) -> Experiment:
     """The preset with rates, a layer and, but for what columns bend, no curvature length."""
     return load(PRESET).with_values(
         {
-            "mixture.collision_rate": _rates(GAMMA),
+            "mixture.collision_rate": _rates(GAMMA, CROSS),
             "mixture.surface_depth": DEPTH,
             "mixture.curvature_length": 0.0,
             "pour.duration": duration,
@@ -179,13 +195,15 @@ def sharpened(base: Experiment, k: float, amplified: str) -> Experiment:
     )
 
 
-def _rates(gamma: float) -> list[list[float]]:
-    return [[gamma, CROSS * gamma], [CROSS * gamma, gamma]]
+def _rates(gamma: float, cross: float) -> list[list[float]]:
+    return [[gamma, cross * gamma], [cross * gamma, gamma]]
 
 
-def _with_rate(base: Experiment, gamma: float) -> Experiment:
+def _with_rates(base: Experiment, gamma: float, cross: float) -> Experiment:
     cells = round(base.cell.length / WIDTH)
-    return base.with_values({"mixture.collision_rate": _rates(gamma), "continuum.cells": cells})
+    return base.with_values(
+        {"mixture.collision_rate": _rates(gamma, cross), "continuum.cells": cells}
+    )
 
 
 def _of_piles(
@@ -225,7 +243,7 @@ def _told(name: str, dims: str | tuple[str, ...], pair: Floats, units: str) -> V
     }
 
 
-def _effects(values: Floats, errors: Floats) -> Floats:
+def effects(values: Floats, errors: Floats) -> Floats:
     """Changes [%] by each factor first, on average and last, and their errors (2, factor, when)."""
     every = range(len(FACTORS))
     found = np.empty((2, len(FACTORS), len(WHEN)))

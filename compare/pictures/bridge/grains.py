@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["draw_grains"]
 
 SHOWN = ("continuum, dx = w", "true", "row, d x d", "slab, 10 d x d")
+PANELS = "aaabbbcccddd;eeeeffffgggg"
 TOP = 12.0  # cm of the deposits that are shown
 MEAN = "continuum, dx = w"
 BARS: dict[str, Any] = {"linestyle": "", "markersize": 4.0, "capsize": 2.0, "elinewidth": 0.8}
@@ -26,7 +27,7 @@ def draw_grains(found: xr.Dataset) -> "Figure":
     """Above deposits, let down; below scatter and means against V, and single piles."""
     with style():
         figure = page(6.6)
-        panels = figure.subplot_mosaic(["aaabbbcccddd", "eeeeffffgggg"], height_ratios=(1, 1.25))
+        panels = figure.subplot_mosaic(PANELS, height_ratios=(1, 1.25))
         deposits = [panels[name] for name in "abcd"]
         for axes, size in zip(deposits, SHOWN, strict=True):
             if size in found["size"].values:
