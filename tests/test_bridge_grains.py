@@ -7,6 +7,7 @@ from ca_model.lattice import RateRule, lattice_of
 from compare.bridge.grains import SIZES, grains, grains_table, mean_volume, poured_as
 from compare.bridge.irregular import kink_scatter
 from compare.kymograph.cycles import Seen
+from experiment import load
 
 BY_NAME = {size.name: size for size in SIZES}
 
@@ -35,6 +36,16 @@ def test_grains_have_the_volume_that_they_are_said_to_have(name: str) -> None:
     assert isinstance(lattice.rule, RateRule)
     assert lattice.rule.depth * lattice.unit == pytest.approx(0.0535, abs=lattice.unit / 2)
     assert lattice.rule.law.curvature_length == pytest.approx(0.0535)
+
+
+def test_the_preset_of_real_grains_pours_them() -> None:
+    preset, true = load("glass-sugar-grains"), poured_as(BY_NAME["true"], 180.0)
+    assert preset.mixture.grain_diameter == pytest.approx(true.mixture.grain_diameter, rel=1e-4)
+    assert preset.cell == true.cell
+    assert preset.feed == true.feed
+    diameters = {"mixture.grain_diameter": true.mixture.grain_diameter}
+    assert preset.with_values(diameters).mixture == true.mixture
+    assert lattice_of(preset).grain_volume == pytest.approx(BY_NAME["true"].volume, rel=0.02)
 
 
 def test_kinks_scatter_by_what_their_errors_do_not_tell() -> None:

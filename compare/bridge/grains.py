@@ -45,7 +45,9 @@ GLASS, SUGAR, WIDTH = 0.027, 0.08, 0.27  # cm; d_1, d_2 and w
 GAP, SOLID = 0.5, 0.6  # cm between the plates; share of a volume that grains fill
 BEAD, CUBE = pi * GLASS**3 / (6 * GAP * SOLID), SUGAR**3 / (GAP * SOLID)  # cm2
 DRAWS, DRAWN_CELLS = 40, 111
+ENDS = ("", "_error")
 SCATTERS = ("layer_scatter", "kink_scatter")
+TOLD = (*SCATTERS, "layering", "kinks_residual", "velocities_residual")
 
 Variables = dict[str, tuple[str | tuple[str, ...], Any, dict[str, str]]]
 
@@ -96,7 +98,7 @@ def grains(
 
     For each NAME of QUANTITIES: NAME(size) with NAME_error, NAME_scatter and NAME_count, of piles;
     NAME_pile(size, pile); NAME_drawn(quantile), of the continuum for `drawn` uncertain inputs. Of
-    SCATTERS, over the mean, with errors: by size, and their fit, coefficient c and exponent p.
+    TOLD, with errors, by size; and of SCATTERS, over the mean, the fit: coefficient c, exponent p.
     deposit(size, row, column): coarseness of a pile, deposit_height [cm] high.
     """
     jobs = [_jobs(size, seeds, duration) for size in sizes]
@@ -117,13 +119,14 @@ def grains(
         named("height of the picture", "cm"),
     )
     fitted = np.array([size.fitted for size in sizes]) & (told["layered"][1] == 1)
-    for name in SCATTERS:
+    for name in TOLD:
         pairs = [mean_and_error(row[np.isfinite(row)]) for row in found[name].where(layered).values]
         mean, error = np.transpose(pairs)
         meaning = str(found[name].attrs["long_name"])
         told[name] = ("size", mean, named(f"{meaning}, mean of the piles"))
         told[f"{name}_error"] = ("size", error, named(f"standard error of {name}"))
-        told |= _power(name, volume[fitted], mean[fitted], error[fitted])
+    for name in SCATTERS:
+        told |= _power(name, volume[fitted], *(told[f"{name}{end}"][1][fitted] for end in ENDS))
     return xr.Dataset(
         told,
         {"size": ("size", [size.name for size in sizes], named("what a grain is", ""))},
