@@ -18,7 +18,7 @@ GRAINS := makse-segregation --rule rate --set "title=Makse 1997, section V, by t
 	--set "mixture.grain_diameter=[0.0020833333333333333,0.004166666666666667]"
 DELTA := --vary mixture.delta=-0.3:0.5:33
 FIGURES := angles functions profiles onset phase
-BRIDGE := limit
+BRIDGE := limit between grains
 DIAGRAMS := delta-psi delta-psi-rate delta-cross_rate delta-flux delta-composition ternary
 
 .PHONY: run test lint bench giant killed picture figures diagrams bridge validation notebooks docs lock clean

@@ -10,8 +10,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import xarray as xr
 from rich.table import Table
 
+from compare.bridge.between import between, between_table
+from compare.bridge.grains import grains, grains_table
 from compare.bridge.limit import limit
 from compare.bridge.limit_table import limit_table
+from compare.pictures.bridge.between import draw_between
+from compare.pictures.bridge.grains import draw_grains
 from compare.pictures.bridge.limit import draw_limit
 from experiment.pouring import Progress
 
@@ -30,5 +34,7 @@ class Study(NamedTuple):
 
 
 STUDIES = {
+    "between": Study(between, draw_between, between_table),
+    "grains": Study(grains, draw_grains, grains_table),
     "limit": Study(limit, draw_limit, limit_table),
 }
