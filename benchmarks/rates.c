@@ -247,13 +247,29 @@ INLINE int64_t bury(Pile *pile, int64_t i) {
     return pile->tall[b];
 }
 
-INLINE int64_t lay(Pile *pile, int64_t i, int a, int64_t grains, int64_t held) {
-    for (int64_t k = 0; k < grains; k++) {
+/* Lay the captured grains n = (a,) in any order; the last of one species draw no word. */
+INLINE int64_t lay(Pile *pile, int64_t i, int64_t *n, int64_t held) {
+    int64_t left = 0;
+    for (int a = 0; a < N; a++) {
+        left += n[a];
+        pile->height[i] += n[a] * pile->tall[a];
+    }
+    for (; left > 0; left--) {
+        int a = -1;
+        for (int b = 0; b < N; b++) a = n[b] == left ? b : a;
+        if (a < 0) {
+            int64_t k = (int64_t)(((mixed(pile->random += GOLDEN) >> 32) * (uint64_t)left) >> 32);
+            a = 0;
+            for (int b = 0; b < N - 1; b++) {
+                k -= n[b];
+                a += k >= 0;
+            }
+        }
+        n[a]--;
         while (held > 0 && held + pile->tall[a] > pile->depth) held -= bury(pile, i);
         pile->layer[a][i]++;
         held += pile->tall[a];
     }
-    pile->height[i] += grains * pile->tall[a];
     return held;
 }
 
@@ -317,7 +333,7 @@ INLINE void move_grains(Pile *pile, int64_t i) {
         pile->rolling[a][i] += loosened - n[a];
     }
     int64_t held = held_in(pile, i);
-    for (int a = 0; a < N; a++) held = lay(pile, i, a, n[a], held);
+    held = lay(pile, i, n, held);
     while (pile->grains[i] && (!held || held + pile->tallest <= pile->depth)) {
         const int b = pile->stack[i * pile->places + --pile->grains[i]];
         pile->layer[b][i]++;
@@ -366,9 +382,10 @@ INLINE int64_t exchange(Pile *pile, double dt, int64_t left) {
     for (int64_t i = 0; i < end;) i = move_in_turn(pile, i);
     int64_t held = held_in(pile, wall);
     for (int a = 0; a < N; a++) {
-        const int64_t captured = pile->rolling[a][wall] / left;
-        pile->rolling[a][wall] -= captured;
-        held = lay(pile, wall, a, captured, held);
+        int64_t captured[N] = {0};
+        captured[a] = pile->rolling[a][wall] / left;
+        pile->rolling[a][wall] -= captured[a];
+        held = lay(pile, wall, captured, held);
     }
     return exchanges;
 }

@@ -170,13 +170,16 @@ def _exchange(
 
 @inlined
 def _fill_against_the_wall(pile: FlowingPile, rule: Exchange, side: int, left: int) -> None:
-    """Capture an even share of what reached the wall; all of it in the last of `left` sub-steps."""
+    """Capture an even share of what reached the wall, and in the last of `left` sub-steps all.
+
+    Smallest first, as the threshold rule does.
+    """
     i = Word(pile.grains.size - 1) if side == RIGHT else Word(0)
     layer = _layer(pile, rule, i)
-    for a in range(len(rule.grain_height)):
+    for a in range(len(layer)):
         captured = pile.rolling[side, a, i + ONE] // left
         pile.rolling[side, a, i + ONE] -= captured
-        layer = _laid(pile, rule, i, layer, a, captured)
+        layer = _laid(pile, rule, i, layer, _only(rule, a, captured))
     _put_layer(pile, i, layer)
 
 
@@ -192,8 +195,7 @@ def _move_grains(pile: FlowingPile, rule: Exchange, draws: Draws, side: int, i: 
         pile.at_rest[a] -= loosened
         pile.height[i + ONE] -= loosened * rule.grain_height[a]
         pile.rolling[side, a, i + ONE] += loosened - captured[a]
-    for a in range(ranks):
-        layer = _laid(pile, rule, i, layer, a, captured[a])
+    layer = _laid(pile, rule, i, layer, captured)
     _put_layer(pile, i, _dug_up(pile, rule, i, layer))
 
 
@@ -223,33 +225,66 @@ def _held(rule: Exchange, layer: tuple[int, ...]) -> int:
 
 @inlined
 def _laid(
-    pile: FlowingPile, rule: Exchange, i: Whole, layer: tuple[int, ...], a: int, grains: int
+    pile: FlowingPile,
+    rule: Exchange,
+    i: Whole,
+    layer: tuple[int, ...],
+    captured: tuple[int, ...],
 ) -> tuple[int, ...]:
-    """The layer after grains were laid one by one, and it buried what it had no room for."""
-    held = _held(rule, layer)
-    for _ in range(grains):
+    """The layer after grains were laid in any order, and it buried what it had no room for.
+
+    Species after species, it would end each sub-step richer in the last one, by half of what is
+    captured in it over d, however small the grains.
+    """
+    held, left = _held(rule, layer), _count(captured)
+    while left > 0:
+        a = _alone(captured, left)
+        if a < 0:
+            a = _picked(pile, captured, left)
+        captured, left = _changed(captured, a, -1), left - 1
         while held > 0 and held + rule.grain_height[a] > rule.depth:
-            b = _picked(pile, layer)
-            layer = _changed(layer, b, -1)
-            held -= rule.grain_height[b]
+            b = _picked(pile, layer, _count(layer))
+            layer, held = _changed(layer, b, -1), held - rule.grain_height[b]
             pile.stack[i, pile.grains[i]] = b
             pile.grains[i] += 1
-        layer = put(layer, a, layer[a] + 1)
-        held += rule.grain_height[a]
-    pile.height[i + ONE] += grains * rule.grain_height[a]
-    pile.at_rest[a] += grains
+        layer, held = _changed(layer, a, 1), held + rule.grain_height[a]
+        pile.height[i + ONE] += rule.grain_height[a]
+        pile.at_rest[a] += 1
     return layer
 
 
 @inlined
-def _picked(pile: FlowingPile, layer: tuple[int, ...]) -> int:
-    """The rank of one of the grains of a layer, whichever it is."""
+def _only(rule: Exchange, rank: int, grains: int) -> tuple[int, ...]:
+    """So many grains of one rank, and none of any other."""
+    counts = rule.grain_height
+    for a in range(len(counts)):
+        counts = put(counts, a, grains if a == rank else 0)
+    return counts
+
+
+@inlined
+def _count(grains: tuple[int, ...]) -> int:
     count = 0
-    for a in range(len(layer)):
-        count += layer[a]
+    for a in range(len(grains)):
+        count += grains[a]
+    return count
+
+
+@inlined
+def _alone(grains: tuple[int, ...], count: int) -> int:
+    """The rank that all of so many `grains` are of, or -1."""
+    rank = -1
+    for a in range(len(grains)):
+        rank = a if grains[a] == count else rank
+    return rank
+
+
+@inlined
+def _picked(pile: FlowingPile, grains: tuple[int, ...], count: int) -> int:
+    """The rank of one of so many `grains` (rank,), whichever it is."""
     left, b = pick(pile.random, count), 0
-    for a in range(len(layer) - 1):
-        left -= layer[a]
+    for a in range(len(grains) - 1):
+        left -= grains[a]
         b += left >= 0
     return b
 

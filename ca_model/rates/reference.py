@@ -106,7 +106,7 @@ class ReferenceRates:
         for a in self.species:
             captured = self.rolling[side][i][a] // left
             self.rolling[side][i][a] -= captured
-            self._lay(i, a, captured)
+            self._lay(i, [captured if b == a else 0 for b in range(len(self.species))])
 
     def _exchange_in_column(self, side: int, i: int, slope: float, dt: float) -> None:
         rolling, layer = self.rolling[side][i], self.layer[i]
@@ -125,8 +125,7 @@ class ReferenceRates:
             layer[a] -= loosened[a]
             rolling[a] += loosened[a] - captured[a]
             self.heights[i] -= loosened[a] * self.grain_height[a]
-        for a in self.species:
-            self._lay(i, a, captured[a])
+        self._lay(i, captured)
         self._dig_up(i)
 
     def surface(self, i: int) -> tuple[list[float], float]:
@@ -169,9 +168,11 @@ class ReferenceRates:
     def _held(self, i: int) -> int:
         return sum(n * height for n, height in zip(self.layer[i], self.grain_height, strict=True))
 
-    def _lay(self, i: int, a: int, grains: int) -> None:
-        """One by one; what there is no room for in the layer is buried first."""
-        for _ in range(grains):
+    def _lay(self, i: int, captured: Sequence[int]) -> None:
+        """One by one, in any order; what there is no room for in the layer is buried first."""
+        grains = [a for a in self.species for _ in range(captured[a])]
+        while grains:
+            a = grains.pop(pick(self.random, len(grains)) if len(set(grains)) > 1 else 0)
             while any(self.layer[i]) and (self._held(i) + self.grain_height[a] > self.rule.depth):
                 self._bury(i)
             self.layer[i][a] += 1
