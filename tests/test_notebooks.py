@@ -80,7 +80,7 @@ def test_nothing_of_a_machine_is_kept(path: Path) -> None:
 
 
 def test_notebooks_are_small() -> None:
-    assert len(NOTEBOOKS) == 5
+    assert len(NOTEBOOKS) == 6
     assert sum(path.stat().st_size for path in NOTEBOOKS) < MOST_BYTES
 
 
