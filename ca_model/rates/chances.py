@@ -12,7 +12,7 @@ columns are unsigned, so that no index of one can count from the end of an array
 from ca_model.draws import NEVER, chance_within, powers_of_none
 from ca_model.kernel.bits import Whole, Word
 from ca_model.kernel.compiled import inlined
-from ca_model.rates.state import RIGHT, Draws, Exchange, FlowingPile
+from ca_model.rates.state import LANES, RIGHT, Draws, Exchange, FlowingPile
 from experiment.arrays import Floats, Ints
 from experiment.law import amplification_rates, capture_rates, repose_slopes
 from experiment.species import Values, put
@@ -20,7 +20,6 @@ from experiment.species import Values, put
 __all__ = ["find_chances", "surface", "touching"]
 
 ONE, TWO = Word(1), Word(2)
-LANES = Word(8)  # whole registers of them are found sooner than a few columns less
 BLOCK = Word(256)  # columns, which stay in the innermost cache
 
 
@@ -36,10 +35,11 @@ def find_chances(
 ) -> None:
     """Put down the draws of the columns `reach`, from one to before the other, of a side's flow."""
     begin = reach[0] // LANES * LANES
-    end = min((reach[1] + LANES - ONE) // LANES * LANES, Word(pile.grains.size))
+    end = (reach[1] + LANES - ONE) // LANES * LANES
     while begin < end:
         block = begin, min(begin + BLOCK, end)
-        _find_expected(pile, rule, draws, side, source, block, dt)
+        there = begin, min(block[1], Word(pile.grains.size))
+        _find_expected(pile, rule, draws, side, source, there, dt)
         for draw in range(2 * len(rule.grain_height)):
             _find_none(draws.grains[draw], draws.chance[draw], draws.none[draw], draws.power, block)
         begin += BLOCK

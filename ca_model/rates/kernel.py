@@ -56,7 +56,8 @@ def advance(
 def _why_stop(pile: FlowingPile, rule: Exchange, arrivals: Ints, step: int) -> int:
     """DONE where the stacks last for the next step, whatever happens in it.
 
-    What is in a column, rolling or at rest, stays there; a sub-step digs up a layer at the most.
+    What is in a column, rolling or at rest, stays there; a sub-step digs up a layer for each
+    side at the most.
     """
     rolling, busiest = 0, _busiest(pile, rule)
     for side in range(pile.rolling.shape[0]):
@@ -71,7 +72,7 @@ def _why_stop(pile: FlowingPile, rule: Exchange, arrivals: Ints, step: int) -> i
             rolling += arrivals[step, side, a]
             fed = arrivals[step, side, a] * rule.grain_height[a] * rule.unit
             busiest += rule.fastest[a] * fed
-    layer = max(rule.depth, 1)
+    layer = rule.depth * pile.rolling.shape[0]
     deepest = _substeps(rule, busiest) * layer
     for i in range(pile.grains.size):
         if pile.grains[i] + layer + rolling > pile.stack.shape[1]:

@@ -6,13 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ca_model.draws import RandomState
+from ca_model.kernel.bits import Word
 from experiment.arrays import Floats, Ints
 from experiment.law import Law
 from experiment.species import Values
 
-__all__ = ["LEFT", "RIGHT", "Draws", "Exchange", "FlowingPile", "bare_draws"]
+__all__ = ["LANES", "LEFT", "RIGHT", "Draws", "Exchange", "FlowingPile", "bare_draws"]
 
 RIGHT, LEFT = 0, 1
+LANES = Word(8)  # whole registers of columns are done sooner than a few columns less
 
 
 class Exchange(NamedTuple):
@@ -60,6 +62,7 @@ class Draws(NamedTuple):
 
 
 def bare_draws(ranks: int, columns: int) -> Draws:
-    """Room for them."""
-    each = (2 * ranks, columns)
-    return Draws(np.zeros(each, dtype=np.int64), np.zeros(each), np.zeros(each), np.zeros(columns))
+    """Room for them, and for as many more columns as fill the last of the registers."""
+    whole = -(-columns // int(LANES)) * int(LANES)
+    each = (2 * ranks, whole)
+    return Draws(np.zeros(each, dtype=np.int64), np.zeros(each), np.zeros(each), np.zeros(whole))

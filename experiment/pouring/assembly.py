@@ -63,7 +63,8 @@ def _create(file: netCDF4.Dataset, variable: Variable, pouring: Pouring) -> "net
     """An empty variable of the file, as xarray would have made it."""
     dims, label_dims = variable.dims, set(variable.dims)
     shape = [len(file.dimensions[dim]) for dim in dims]
-    told = encoding_of(variable.name, shape, whole_grains=pouring.whole_grains)
+    of_grains = pouring.model == "ca_model" and "z" not in dims
+    told = encoding_of(variable.name, shape, whole_grains=of_grains or pouring.whole_grains)
     kind, fill = told.pop("dtype", variable.dtype), told.pop("_FillValue")
     made = file.createVariable(
         variable.name, kind, dims, fill_value=False if fill is None else fill, **told
