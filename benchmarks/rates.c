@@ -124,17 +124,10 @@ INLINE Reals choose(Wholes where, Reals there, Reals elsewhere) {
 }
 INLINE int some(Wholes where) { return _mm512_movepi64_mask((__m512i)where) != 0; }
 
-/* y / divisor, rounded as the division is: the quotient by the reciprocal, and what it lacks. */
-INLINE Reals over(Reals y, double divisor) {
-    const Reals part = all(1.0 / divisor), quotient = y * part;
-    const __m512d lacks = _mm512_fnmadd_pd((__m512d)quotient, (__m512d)all(divisor), (__m512d)y);
-    return (Reals)_mm512_fmadd_pd(lacks, (__m512d)part, (__m512d)quotient);
-}
-
 INLINE Reals chance_within(Reals expected) {
     const Reals y = expected * 0.0625;
-    Reals grown = 1.0 + y * (1.0 + y * 0.5 *
-                  (1.0 + over(y, 3) * (1.0 + y * 0.25 * (1.0 + over(y, 5) * (1.0 + over(y, 6))))));
+    Reals grown = 1.0 + y * (1.0 + y * (0.5 + y * (1.0 / 6 + y * (1.0 / 24 +
+                  y * (1.0 / 120 + y * (1.0 / 720))))));
     grown *= grown;
     grown *= grown;
     grown *= grown;

@@ -29,6 +29,7 @@ __all__ = [
 
 RandomState = NDArray[np.uint64]  # (1,) of SplitMix64, advanced in place by every draw
 
+A_2, A_3, A_4, A_5, A_6 = 1 / 2, 1 / 6, 1 / 24, 1 / 120, 1 / 720  # of exp's series
 CERTAIN = 40.0  # 1 - exp(-40) is 1 in 53 bits
 MOST_AT_ONCE = 16.0  # expected; of more, several variates are the sum
 PER_WORD = 2.0**-53
@@ -77,9 +78,7 @@ def chance_within(expected: float) -> float:
     if expected > CERTAIN:
         return 1.0
     y = expected * 0.0625
-    grown = 1.0 + y * (
-        1.0 + y / 2.0 * (1.0 + y / 3.0 * (1.0 + y / 4.0 * (1.0 + y / 5.0 * (1.0 + y / 6.0))))
-    )
+    grown = 1.0 + y * (1.0 + y * (A_2 + y * (A_3 + y * (A_4 + y * (A_5 + y * A_6)))))
     grown *= grown
     grown *= grown
     grown *= grown
