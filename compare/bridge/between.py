@@ -217,7 +217,8 @@ def _of_piles(
     found = pour_piles(every, seeds, workers=workers, progress=progress)
     means = means_over_piles(found)
     for name in QUANTITIES:
-        alike, own = means[f"{name}_scatter"] == 0, found[f"{name}_error"].median("pile")
+        alike = found[name].min("pile") == found[name].max("pile")
+        own = found[f"{name}_error"].median("pile")
         means[f"{name}_error"] = means[f"{name}_error"].where(~alike, own)
     ends = np.cumsum([0, *(len(part) for part in poured.values())]).tolist()
     return {
