@@ -92,7 +92,7 @@ bridge: $(BRIDGE:%=bridge/%)
 
 bridge/%: .venv/.run .venv/.kernels
 	@mkdir -p pours/bridge docs/bridge
-	@$(BIN)/stratify bridge $* -o pours/bridge --force --json > pours/bridge/$*.json
+	@$(BIN)/stratify bridge $* --seeds 6 -o pours/bridge --force --json > pours/bridge/$*.json
 	@cp pours/bridge/$*.png pours/bridge/$*.json docs/bridge/
 
 # The documentation, into docs/_build/html; needs no network.

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 from compare.bridge import STUDIES, Study
-from compare.bridge.ensembles import means_over_piles, pour_piles
+from compare.bridge.ensembles import means_over_piles, pour_piles, with_own_errors
 from compare.bridge.limit import CAUSES, lattice, limit, power_law
 from compare.bridge.limit_table import limit_table
 from compare.bridge.record import study_record
@@ -134,6 +134,20 @@ def test_piles_without_layers_do_not_count_in_a_mean() -> None:
     np.testing.assert_allclose(told["wavelength_error"], [1.0, np.nan])
     np.testing.assert_allclose(told["wavelength_scatter"], [np.sqrt(2), np.nan])
     assert told["wavelength_count"].values.tolist() == [2, 1]
+
+
+def test_piles_that_are_all_alike_have_the_error_of_one() -> None:
+    dims, attributes = ("setup", "pile"), {"units": "cm", "long_name": "of a test"}
+    values = [[0.1] * 6, [1.0, 2.0, 3.0, 1.0, 2.0, 3.0]]
+    piles = xr.Dataset({"regime": (dims, np.full((2, 6), "stratified"))})
+    for name in QUANTITIES:
+        piles[name] = dims, np.array(values), attributes
+        piles[f"{name}_error"] = dims, np.full((2, 6), 0.02)
+    means = means_over_piles(piles)
+    assert means["wavelength_error"][0] < 1e-9
+    told = with_own_errors(means, piles)
+    for name in QUANTITIES:
+        np.testing.assert_allclose(told[f"{name}_error"], [0.02, means[f"{name}_error"][1]])
 
 
 def test_a_study_is_told_in_words_numbers_and_a_picture(small: xr.Dataset) -> None:

@@ -59,7 +59,7 @@ def test_kinks_scatter_by_what_their_errors_do_not_tell() -> None:
 
 def test_smaller_grains_lay_more_regular_layers() -> None:
     sizes = tuple(BY_NAME[name] for name in ("continuum, dx = w", "sugar of 3 beads", "true"))
-    found = grains(2, 1, lambda _: None, sizes=sizes, duration=100.0, drawn=2)
+    found = grains(2, 1, lambda _: None, sizes=sizes, duration=240.0, drawn=2)
     scatter = found["layer_scatter"].values[1:]
     assert scatter[0] < 0.6 * scatter[1]
     assert 0.02 < scatter[1] < 0.12

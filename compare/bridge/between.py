@@ -23,7 +23,7 @@ import xarray as xr
 from rich.table import Table
 from rich.text import Text
 
-from compare.bridge.ensembles import means_over_piles, pour_piles, share_of
+from compare.bridge.ensembles import means_over_piles, pour_piles, share_of, with_own_errors
 from compare.campaign import campaign
 from compare.convergence import QUANTITIES
 from compare.quantities import named
@@ -215,10 +215,7 @@ def _of_piles(
     """Means over piles of each part; the error of piles that are all alike is that of one."""
     every = [setup for part in poured.values() for setup in part]
     found = pour_piles(every, seeds, workers=workers, progress=progress)
-    means = means_over_piles(found)
-    for name in QUANTITIES:
-        alike, own = means[f"{name}_scatter"] == 0, found[f"{name}_error"].median("pile")
-        means[f"{name}_error"] = means[f"{name}_error"].where(~alike, own)
+    means = with_own_errors(means_over_piles(found), found)
     ends = np.cumsum([0, *(len(part) for part in poured.values())]).tolist()
     return {
         name: means.isel(setup=slice(begin, end))

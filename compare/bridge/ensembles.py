@@ -15,7 +15,7 @@ from experiment import Experiment
 from experiment.arrays import Floats
 from experiment.pouring import Progress
 
-__all__ = ["means_over_piles", "pour_alike", "pour_piles", "share_of"]
+__all__ = ["means_over_piles", "pour_alike", "pour_piles", "share_of", "with_own_errors"]
 
 
 def pour_piles(
@@ -79,6 +79,16 @@ def means_over_piles(found: xr.Dataset) -> xr.Dataset:
             f"{name}_count": ("setup", counts, named(f"piles that tell {name}")),
         }
     return xr.Dataset(told)
+
+
+def with_own_errors(means: xr.Dataset, found: xr.Dataset) -> xr.Dataset:
+    """The means over piles of `found`; the error of piles that are all alike is that of one."""
+    errors: dict[str, xr.DataArray] = {}
+    for name in QUANTITIES:
+        alike = found[name].min("pile") == found[name].max("pile")
+        own = found[f"{name}_error"].median("pile")
+        errors[f"{name}_error"] = means[f"{name}_error"].where(~alike, own)
+    return means.assign(errors)
 
 
 def share_of(progress: Progress, begin: float, end: float) -> Progress:
