@@ -69,6 +69,7 @@ class LatticePouring:
     """A pour under way, as :class:`experiment.pouring.Pouring` tells."""
 
     model = "ca_model"
+    whole_grains = True
 
     def __init__(
         self, experiment: Experiment, slabs: Slabs, log: int, most_places: int | None
@@ -80,7 +81,7 @@ class LatticePouring:
         self.feeding = Feeding(experiment, lattice)
         self.grain_thickness, self.grain_volume = lattice.grain_thickness, lattice.grain_volume
         self.pile = _bare_pile(experiment, lattice, slabs, log, most_places)
-        self.whole_grains = lattice.row == 1
+        self.pure_bins = lattice.row == 1
 
     def advance(self, edges: Floats) -> None:
         """Take the steps between the times `edges` (step + 1,) [s]."""

@@ -137,7 +137,7 @@ class FlowPouring:
     """A pour under way, as :class:`experiment.pouring.Pouring` tells."""
 
     model = "continuum"
-    whole_grains = False
+    whole_grains = pure_bins = False
 
     def __init__(self, experiment: Experiment, slabs: Slabs, most_bins: int | None) -> None:
         resolution = Resolution.parse(experiment.continuum, "continuum")

@@ -37,7 +37,7 @@ def assemble_on_disk(path: Path, pouring: Pouring, work: Work) -> None:
     with few_pieces(), netCDF4.Dataset(path, "a") as file:
         deposit = _create(file, VARIABLES[DEPOSIT], pouring)
         for low, band in _bands(pouring, work, len(file.dimensions["z"])):
-            if pouring.whole_grains:
+            if pouring.pure_bins:
                 band = np.where(np.isnan(band), deposit._FillValue, band)
             deposit[low : low + len(band)] = band
     store(bare_dataset(pouring.state()), path, "a", STATE, squeeze=False)
@@ -63,8 +63,8 @@ def _create(file: netCDF4.Dataset, variable: Variable, pouring: Pouring) -> "net
     """An empty variable of the file, as xarray would have made it."""
     dims, label_dims = variable.dims, set(variable.dims)
     shape = [len(file.dimensions[dim]) for dim in dims]
-    of_grains = pouring.model == "ca_model" and "z" not in dims
-    told = encoding_of(variable.name, shape, whole_grains=of_grains or pouring.whole_grains)
+    whole = pouring.pure_bins if variable.name == DEPOSIT else pouring.whole_grains
+    told = encoding_of(variable.name, shape, whole_grains=whole)
     kind, fill = told.pop("dtype", variable.dtype), told.pop("_FillValue")
     made = file.createVariable(
         variable.name, kind, dims, fill_value=False if fill is None else fill, **told

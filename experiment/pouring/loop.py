@@ -48,7 +48,8 @@ class Pouring(Protocol):
     experiment: Experiment
     dt: float  # s, of a step
     columns: int
-    whole_grains: bool  # whether a bin of the deposit is of one species
+    whole_grains: bool  # whether all that is recorded is counted in grains
+    pure_bins: bool  # whether a bin of the deposit is of one species
     block: int  # steps that take about a second at the most
 
     def advance(self, edges: Floats) -> None:
