@@ -45,9 +45,8 @@ class Mixture(Part):
     grain_diameter: tuple[Positive, ...] = Field(min_length=1)  #: cm; d_a
     drift_velocity: tuple[Positive, ...]  #: cm/s; v_a; one number serves all species
     repose_slope: SlopeMatrix  #: 1; theta_ab of rolling a on a surface of b; see the shorthands
-    collision_rate: RateMatrix | None = (
-        None  #: 1/s; gamma_ab; the continuum and the rate rule need it
-    )
+    #: 1/s; gamma_ab; the continuum and the lattice's rate rule need it
+    collision_rate: RateMatrix | None = None
     cross_amplification: RateMatrix | None = None  #: 1/s; BdG's constant rates mu, diagonal 0
     dispersion: NonNegative = 0.0  #: cm2/s; D, diffusion of the rolling layer
     smoothing: NonNegative = 0.0  #: 1; width over which P(z) bends
