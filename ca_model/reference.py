@@ -7,35 +7,24 @@ from collections.abc import Sequence
 
 from ca_model.lattice import Ground, Rule
 
-__all__ = ["ReferencePile"]
+__all__ = ["RIGHT", "ReferencePile", "RollingGrains"]
 
 RIGHT, LEFT = 0, 1
 
 
-class ReferencePile:
-    """A pile on the lattice.
+class RollingGrains:
+    """What rolls on columns, by whatever rule it comes to rest.
 
-    `heights`, `stacks` (lowest grain first), and counts of grains: `rolling` [side][column]
-    [species], and the `outflow` [species] of those that fell off the ends.
+    `heights`, and counts of grains: `rolling` [side][column][species], and the `outflow` [species]
+    of those that fell off the ends.
     """
 
-    def __init__(self, rule: Rule, ground: Ground) -> None:
-        self.rule = rule
+    def __init__(self, ground: Ground, species: int) -> None:
         self.ground = ground
         self.heights = [int(h) for h in ground.height]
         self.columns = len(self.heights)
-        self.stacks: list[list[int]] = [[] for _ in self.heights]
-        self.rolling = [
-            [[0] * len(rule.grain_height) for _ in self.heights] for _ in range(ground.sides)
-        ]
-        self.outflow = [0] * len(rule.grain_height)
-
-    def step(self, arrivals: Sequence[Sequence[int]], source: int = 0) -> None:
-        """Roll, feed, touch; `arrivals` (side, species) enter beside the edge before `source`."""
-        self._roll()
-        self._feed(arrivals, source)
-        for side in range(self.ground.sides):
-            self._touch(side)
+        self.rolling = [[[0] * species for _ in self.heights] for _ in range(ground.sides)]
+        self.outflow = [0] * species
 
     def _roll(self) -> None:
         nothing = [0] * len(self.outflow)
@@ -54,6 +43,25 @@ class ReferencePile:
                 into, column = RIGHT, 0
             for a, count in enumerate(grains):
                 self.rolling[into][column][a] += int(count)
+
+    def _last(self, side: int) -> int:
+        return self.columns - 1 if side == RIGHT else 0
+
+
+class ReferencePile(RollingGrains):
+    """A pile on the lattice, and its `stacks` (lowest grain first)."""
+
+    def __init__(self, rule: Rule, ground: Ground) -> None:
+        super().__init__(ground, len(rule.grain_height))
+        self.rule = rule
+        self.stacks: list[list[int]] = [[] for _ in self.heights]
+
+    def step(self, arrivals: Sequence[Sequence[int]], source: int = 0) -> None:
+        """Roll, feed, touch; `arrivals` (side, species) enter beside the edge before `source`."""
+        self._roll()
+        self._feed(arrivals, source)
+        for side in range(self.ground.sides):
+            self._touch(side)
 
     def _touch(self, side: int) -> None:
         before = list(self.heights)
@@ -92,6 +100,3 @@ class ReferencePile:
         self.rolling[side][i][a] -= 1
         self.stacks[i].append(int(a))
         self.heights[i] += int(self.rule.grain_height[a])
-
-    def _last(self, side: int) -> int:
-        return self.columns - 1 if side == RIGHT else 0

@@ -9,31 +9,25 @@ from collections.abc import Sequence
 from ca_model.draws import RandomState, binomial, chance_within, pick
 from ca_model.lattice import Ground, RateRule
 from ca_model.rates.kernel import COURANT
+from ca_model.reference import RIGHT, RollingGrains
 
 __all__ = ["ReferenceRates"]
 
-RIGHT, LEFT = 0, 1
 
-
-class ReferenceRates:
+class ReferenceRates(RollingGrains):
     """A pile on the lattice.
 
-    `heights`, stacks of what is `buried` (lowest first), and counts of grains: the surface `layer`
-    [column][species], `rolling` [side][column][species], and the `outflow` [species] over the ends.
+    Stacks of what is `buried` (lowest first), and above each the surface `layer` [column][species],
+    in grains.
     """
 
     def __init__(self, rule: RateRule, ground: Ground, random: RandomState) -> None:
-        self.rule, self.ground, self.random = rule, ground, random
+        super().__init__(ground, len(rule.grain_height))
+        self.rule, self.random = rule, random
         self.species = [int(a) for a in rule.smallest_first]
         self.grain_height = [int(height) for height in rule.grain_height]
-        self.heights = [int(h) for h in ground.height]
-        self.columns = len(self.heights)
         self.buried: list[list[int]] = [[] for _ in self.heights]
         self.layer = [[0] * len(self.species) for _ in self.heights]
-        self.rolling = [
-            [[0] * len(self.species) for _ in self.heights] for _ in range(ground.sides)
-        ]
-        self.outflow = [0] * len(self.species)
 
     def step(self, arrivals: Sequence[Sequence[int]], source: int = 0) -> None:
         """Roll, feed, exchange; `arrivals` (side, species) enter beside the edge `source`."""
@@ -43,24 +37,6 @@ class ReferenceRates:
         for k in range(substeps):
             for side in range(self.ground.sides):
                 self._exchange(side, source, self.rule.step / substeps, substeps - k)
-
-    def _roll(self) -> None:
-        for side, flow in enumerate(self.rolling):
-            leaving = flow[self._last(side)]
-            self.outflow = [n + k for n, k in zip(self.outflow, leaving, strict=True)]
-            nothing = [0] * len(self.species)
-            moved = [nothing, *flow[:-1]] if side == RIGHT else [*flow[1:], nothing]
-            self.rolling[side] = [list(counts) for counts in moved]
-
-    def _feed(self, arrivals: Sequence[Sequence[int]], source: int) -> None:
-        for side, grains in enumerate(arrivals):
-            into, column = side, source if side == RIGHT else source - 1
-            if column == self.columns:
-                into, column = LEFT, column - 1
-            elif column == -1:
-                into, column = RIGHT, 0
-            for a, count in enumerate(grains):
-                self.rolling[into][column][a] += int(count)
 
     def _substeps(self) -> int:
         rule, law = self.rule, self.rule.law
@@ -193,6 +169,3 @@ class ReferenceRates:
 
     def _first(self, side: int) -> int:
         return 0 if side == RIGHT else self.columns - 1
-
-    def _last(self, side: int) -> int:
-        return self.columns - 1 if side == RIGHT else 0
